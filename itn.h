@@ -543,29 +543,20 @@ ITN_API double itn_parameter_slope(const itn_parameter *parameter, double value)
 
 /* AUTO is FAST, except for what only the reference can do: media whose sigma_t or g differ between
    channels, a limit of scatterings, media in meshes with holes (force), derivatives by the values
-   of an image; and derivatives in an index of refraction, in an albedo or a reflectance below .01,
-   in a light's scale of 0, or in a sigma_t whose mean free path is more than four radii of what is
-   in the scene. */
+   of an image, in an index of refraction, in an albedo or a reflectance below .01, in a light's
+   scale of 0, or in a sigma_t whose mean free path is more than four radii of what is in the
+   scene. */
 typedef enum itn_mode { ITN_MODE_AUTO = 0, ITN_MODE_REFERENCE, ITN_MODE_FAST } itn_mode;
-/* How samples are spread: each on its own, or (AUTO) by an Owen-scrambled Sobol sequence over the
-   pixel, the first boundary and the first flight. This, itn_estimator and walks are of the fast
-   walk only; the reference takes no notice of them. */
-typedef enum itn_sampler {
-    ITN_SAMPLER_AUTO = 0,
-    ITN_SAMPLER_RANDOM,
-    ITN_SAMPLER_SOBOL
-} itn_sampler;
-
-/* How images and derivatives are estimated; both ways are unbiased. SCORE: the mean of what paths
-   bring home, for derivatives times their scores (equation 10). BASELINE (AUTO): what a path was
-   expected to bring before a choice is taken off, which lowers the variance of derivatives; with
-   one medium, light that is everywhere the same and many paths, of images without derivatives too,
-   in which single pixels may then be slightly negative. */
-typedef enum itn_estimator {
-    ITN_ESTIMATOR_AUTO = 0,
-    ITN_ESTIMATOR_SCORE,
-    ITN_ESTIMATOR_BASELINE
-} itn_estimator;
+/* How samples are spread: by an Owen-scrambled Sobol sequence over the pixel, the first boundary
+   and the first flight, or each on its own. This, itn_estimator and walks are of the fast walk
+   only; the reference takes no notice of them. */
+typedef enum itn_sampler { ITN_SAMPLER_SOBOL = 0, ITN_SAMPLER_RANDOM } itn_sampler;
+/* How images and derivatives are estimated, without bias. SCORE: the mean of what paths bring home,
+   for derivatives times their scores (equation 10). BASELINE takes off what a path was expected to
+   bring before a choice, which lowers the variance of derivatives; with one medium, light that is
+   everywhere the same and many paths, of images without derivatives too, in which single pixels may
+   then be slightly negative. */
+typedef enum itn_estimator { ITN_ESTIMATOR_BASELINE = 0, ITN_ESTIMATOR_SCORE } itn_estimator;
 
 /* What a render did. */
 typedef struct itn_render_stats {
@@ -598,55 +589,50 @@ typedef struct itn_render_options {
    mean, variance of the mean ("Variance.Y"), then for each parameter derivative ("d_a_b.Y" for
    a.b) and variance of the derivative ("d_a_b_variance.Y"). With one sample per pixel variances are
    infinite; of standard errors below 1e-22, which floats cannot square, 0.
+   The reference's image does not depend on the parameters asked for, but for rounding, except an
+   index of refraction (which spends some paths on its own), a sigma_t of a thin medium (which draws
+   more collisions) and an albedo or reflectance below .1 (more paths go on). The fast walk's is
+   another estimate of the same.
    Memory: 16 bytes per pixel and plane, and for each thread about 1 MB and 20 KB per plane. The
-   scene keeps up to 4 MB of it per thread for the next render, as fresh memory costs more than a
-   small render itself.
-   The same bits for any number of threads. The reference's image does not depend on the parameters
-   asked for, but for rounding, except an index of refraction (which spends some paths on its own),
-   a sigma_t of a thin medium (which draws more collisions) and an albedo or reflectance below .1
-   (more paths go on). The fast walk's is another estimate of the same. Free with itn_image_free.
-   Errors: ARGUMENT (theta out of bounds or not finite, index, options; spp * walks beyond 2^31 - 1
-   in the fast walk), UNSUPPORTED (the derivative in the ior of a smooth surface, whose directions
-   jump with it, of a rough one whose ior is 1, or of one whose object's box meets that of another
-   dielectric object with a smooth surface, or with a different surface of equal index; with mode
-   FAST, what itn_mode lists), MEMORY, CANCELLED. */
+   scene keeps up to 4 MB of it per thread for the next render.
+   Errors: UNSUPPORTED (the derivative in the ior of a smooth surface, whose directions jump with
+   it, of a rough one whose ior is 1, or of one whose object's box meets that of another dielectric
+   object with a smooth surface, or with a different surface of equal index; with mode FAST, what
+   itn_mode lists), CANCELLED, ARGUMENT (spp * walks beyond 2^31 - 1 in the fast walk). */
 ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
                               const itn_render_options *options, const int *parameters, int count,
                               itn_image *image, itn_error *error);
 
-/* Makes now the tables that renders with these options will use, and which the scene keeps; else
-   the first such render makes them. theta and options may be NULL; options->samples must be NULL:
-   give their mean as spp. Errors: as itn_render. */
+/* Makes now the tables that renders with these options (samples: NULL) will use, and which the
+   scene keeps; else the first such render makes them. */
 ITN_API itn_result itn_scene_prepare(const itn_scene *scene, const float *theta,
                                      const itn_render_options *options, itn_error *error);
 
-/* Adjoint: gradient[k] = sum over pixels and channels of weights * dI/dtheta of parameters[k],
-   with its variance if `variance` is not NULL; it has one plane per parameter in the place
-   of derivative images. weights: [C][height][width], finite, for example dl/dI of a loss from other
-   samples. count at least 1; gradient and variance: [count]. Errors: as itn_render. */
+/* Adjoint: gradient[k] = sum over pixels and channels of weights * dI/dtheta of parameters[k], and
+   its variance if `variance` is not NULL; no more planes than parameters. weights: [C][height]
+   [width], finite, for example dl/dI of a loss from other samples. count: at least 1. */
 ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *theta,
                                        const itn_render_options *options, const float *weights,
                                        const int *parameters, int count, double *gradient,
                                        double *variance, itn_error *error);
 
-/* Adjoint by the values of an image in the scene, a surface's texture or a map light: gradient =
-   sum over pixels and channels of weights * dI/d(value), for all of its values at the cost of one
-   render of the reference. `item` names the surface or the light; weights as above. The new image
-   has the size of that image, in the scene's channels: Y or R,G,B, and of each its variance, as
-   "Variance.Y" (from second moments, so too large where a few texels fill the picture). In a scene
-   of one channel a map counts with its luminance. Free with itn_image_free. Memory: one to 16
-   copies, as many as fit in 100 MB, of 24 bytes per value and channel. Errors: as itn_render;
-   ARGUMENT (also: no such item, or one without an image), UNSUPPORTED (mode FAST). */
+/* Adjoint by the values of an image in the scene, the texture of the surface `item` or the map of
+   the light `item`: gradient = sum over pixels and channels of weights * dI/d(value), for all of
+   its values at the cost of one render of the reference. The new image has the size of that image,
+   in the scene's channels, and of each its variance, as "Variance.Y" (from second moments, so too
+   large where a few texels fill the picture). In a scene of one channel a map counts with its
+   luminance. Memory: one to 16 copies, as many as fit in 100 MB, of 24 bytes per value and
+   channel. */
 ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float *theta,
                                              const itn_render_options *options,
                                              const float *weights, const char *item,
                                              itn_image *gradient, itn_error *error);
 
-/* The image loss l = mean over pixels and channels of (I(theta) - target)^2 and its gradient, both
-   unbiased: value and derivative come from two independent renders of options->spp samples each
-   (at least 2), and the noise that squaring adds is taken off the loss, which may come out slightly
-   negative. target: [C][height][width], finite. count may be 0 for the loss alone. Errors: as
-   itn_render; ARGUMENT (an image so bright that its variances are not finite). */
+/* The image loss l = mean over pixels and channels of (I(theta) - target)^2 and its gradient (count
+   0: none), both unbiased: value and derivative come from two independent renders of options->spp
+   samples each (at least 2), and the noise that squaring adds is taken off the loss, which may come
+   out slightly negative. target: [C][height][width], finite. Errors: also ARGUMENT (an image so
+   bright that its variances are not finite). */
 ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
                                      const itn_render_options *options, const float *target,
                                      const int *parameters, int count, double *loss,
@@ -672,11 +658,9 @@ typedef struct itn_net_desc {
 typedef struct itn_net itn_net;
 
 /* Makes a network with zero biases and normal weights of variance 2/n before a ReLU and 1/n in the
-   last layer, n being the number of inputs of a sum (He et al. 2015). desc and context may be NULL.
-   Errors: ARGUMENT (which field, what range), MEMORY. Free with itn_net_free. */
+   last layer, n being the number of inputs of a sum (He et al. 2015). desc may be NULL. */
 ITN_API itn_result itn_net_create(const itn_net_desc *desc, const itn_context *context,
                                   itn_net **net, itn_error *error);
-/* Frees a network. Accepts NULL. */
 ITN_API void itn_net_free(itn_net *net);
 /* Returns the shape with all defaults filled in. */
 ITN_API itn_net_desc itn_net_shape(const itn_net *net);
@@ -690,13 +674,12 @@ ITN_API float *itn_net_gradients(itn_net *net, size_t *count);
    the brightness of the pictures trained with, blurred by (1 4 6 4 1)/16 along rows and columns
    (theirs is not, but then networks read the noise of these pictures); and an edge weight s/(s+1),
    s = |(right - left, below - above)| of a pixel's neighbours in it.
-   pixels: [height][width], linear radiometric, finite, also over mean. input: [2][height][width],
-   no overlap with pixels. Errors: ARGUMENT; then input is untouched. */
+   pixels: [height][width], finite, also over mean. input: [2][height][width]. */
 ITN_API itn_result itn_net_input(int width, int height, const float *pixels, double mean,
                                  float *input, itn_error *error);
 /* Computes the outputs for `batch` images (1 to the desc's batch).
    images: [batch][channels][height][width], finite. outputs: [batch][outputs].
-   Errors: ARGUMENT (batch out of range, image values or outputs that are not finite). */
+   Errors: ARGUMENT, also for outputs that are not finite. */
 ITN_API itn_result itn_net_forward(itn_net *net, int batch, const float *images, float *outputs,
                                    itn_error *error);
 /* Reads a picture: the mean outputs for five sizes of it, e^-.5, e^-.25, ... e^.5 times as large,
@@ -704,20 +687,19 @@ ITN_API itn_result itn_net_forward(itn_net *net, int batch, const float *images,
    times as large look like sigma_t / s, which cancels in the mean of log sigma_t, its coordinate.
    net: of 2 channels; its backward then needs another forward call. pixels: [height][width] of the
    net, and mean: as for itn_net_input (of a NAME.net by examples/train.c, NAME.net.txt has it).
-   outputs: [outputs]; of such a network coordinates of sigma_t, albedo and g.
-   Errors: ARGUMENT, MEMORY; then outputs is untouched. */
+   outputs: [outputs]; of such a network coordinates of sigma_t, albedo and g. */
 ITN_API itn_result itn_net_read(itn_net *net, const float *pixels, double mean, float *outputs,
                                 itn_error *error);
 /* Adds to the gradients those of a loss, given its derivatives in the outputs of the latest
    forward call, which must have had the same batch and no change of the weights since.
-   d_outputs: [batch][outputs], finite. Errors: ARGUMENT. */
+   d_outputs: [batch][outputs], finite. */
 ITN_API itn_result itn_net_backward(itn_net *net, int batch, const float *d_outputs,
                                     itn_error *error);
 /* Sets all gradients to zero, to which itn_net_backward adds. */
 ITN_API void itn_net_zero_gradients(itn_net *net);
 /* One step of Adam (Kingma and Ba 2015) against the gradients, which stay as they are. rate: the
-   learning rate, in (0,1]; the authors' is 1e-4.
-   Errors: ARGUMENT (rate; a gradient whose square is not finite): nothing changes. */
+   learning rate, in (0,1]; the authors' is 1e-4. Nothing changes if a gradient's square is not
+   finite (ARGUMENT). */
 ITN_API itn_result itn_net_step(itn_net *net, double rate, itn_error *error);
 /* Returns the number of steps taken, also over saving and loading. */
 ITN_API uint64_t itn_net_steps(const itn_net *net);
@@ -733,9 +715,8 @@ ITN_API double itn_loss_parameters(int count, const float *predicted, const floa
 /* The mean over pixels and channels of (image - T)^2, T being the scene rendered with the predicted
    coordinates of `parameters` (beyond their bounds: with the bounds), and its derivatives in them.
    lambda is then the paper's times the pixels and channels; choose it so that both losses are of
-   like size when training begins. theta (the other parameters; NULL: as made), options (take a new
-   seed for every image and step), image, errors (also coordinates that are not finite) and what is
-   untouched then: as for itn_loss_gradient. */
+   like size when training begins. The rest: as for itn_loss_gradient; take a new options.seed for
+   every image and step. */
 ITN_API itn_result itn_loss_image(const itn_scene *scene, const float *theta,
                                   const itn_render_options *options, const float *image,
                                   const int *parameters, int count, const float *predicted,
@@ -743,18 +724,16 @@ ITN_API itn_result itn_loss_image(const itn_scene *scene, const float *theta,
 
 /* Makes a network from the bytes of a file that itn_net_save wrote, for `batch` images (0 = 16); of
    weights only, Adam starts afresh. `name` stands for the file in error messages; NULL = "network".
-   context may be NULL, but limit memory with it for untrusted files: a small one may ask for
-   gigabytes of activations.
-   Errors: FORMAT (no such file type or version, damaged, cut, NaN), ARGUMENT, MEMORY. Free with
-   itn_net_free. */
+   Limit memory with a context for untrusted files: a small one may ask for gigabytes of
+   activations. Errors: FORMAT (no such file type or version, damaged, cut, NaN). */
 ITN_API itn_result itn_net_from_memory(const void *bytes, size_t size, const char *name, int batch,
                                        const itn_context *context, itn_net **net,
                                        itn_error *error);
 
 #ifndef ITN_NO_STDIO
 /* Writes shape, weights and (unless weights_only) Adam's moments and steps, so that training goes
-   on bit for bit as if never stopped. The file appears whole or not at all.
-   Errors: FILE, MEMORY, ARGUMENT (a weight or moment is not finite). */
+   on bit for bit as if never stopped. The file appears whole or not at all. Errors: FILE,
+   ARGUMENT (a weight or moment is not finite). */
 ITN_API itn_result itn_net_save(const itn_net *net, const char *path, int weights_only,
                                 itn_error *error);
 /* itn_net_from_memory of a file's bytes. Further error: FILE. */
@@ -8340,8 +8319,8 @@ static itn_result itn__check_options(const itn_render_options *options, itn_erro
                  {"max_scatter", options->max_scatter, INT_MAX},
                  {"walks", options->walks, 256},
                  {"mode", (int)options->mode, ITN_MODE_FAST},
-                 {"sampler", (int)options->sampler, ITN_SAMPLER_SOBOL},
-                 {"estimator", (int)options->estimator, ITN_ESTIMATOR_BASELINE}};
+                 {"sampler", (int)options->sampler, ITN_SAMPLER_RANDOM},
+                 {"estimator", (int)options->estimator, ITN_ESTIMATOR_SCORE}};
     int k;
     for (k = 0; k < 6; k++)
         if (rows[k].value < 0 || rows[k].value > rows[k].upper)
@@ -9002,8 +8981,7 @@ static void itn__adam(double rate, uint64_t step, size_t count, const float *gra
                       float *v, float *weights) {
     float m_scale = (float)(rate / (1 - pow(.9, (double)step)));
     float v_scale = (float)(1 / (1 - pow(.999, (double)step)));
-    float rest[4][ITN__LANES] = {{0}}, *arrays[3]; /* rest: what does not fill the lanes */
-    size_t k, a, bytes;
+    size_t k;
     for (k = 0; k + ITN__LANES <= count; k += ITN__LANES) {
         itn__floats g = itn__load(gradient + k);
         itn__floats m1 = .9f * itn__load(m + k) + .1f * g;
@@ -9012,13 +8990,11 @@ static void itn__adam(double rate, uint64_t step, size_t count, const float *gra
         itn__store(weights + k, itn__load(weights + k) -
                                     m_scale * m1 / (itn__root(v1 * v_scale) + 1e-8f));
     }
-    if (k == count) return;
-    bytes = (count - k) * sizeof(float);
-    arrays[0] = m, arrays[1] = v, arrays[2] = weights;
-    memcpy(rest[3], gradient + k, bytes);
-    for (a = 0; a < 3; a++) memcpy(rest[a], arrays[a] + k, bytes);
-    itn__adam(rate, step, ITN__LANES, rest[3], rest[0], rest[1], rest[2]);
-    for (a = 0; a < 3; a++) memcpy(arrays[a] + k, rest[a], bytes);
+    for (; k < count; k++) { /* what does not fill the lanes */
+        m[k] = .9f * m[k] + .1f * gradient[k];
+        v[k] = .999f * v[k] + .001f * (gradient[k] * gradient[k]);
+        weights[k] -= m_scale * m[k] / (sqrtf(v[k] * v_scale) + 1e-8f);
+    }
 }
 
 #ifndef ITN_NO_NET
@@ -9207,11 +9183,6 @@ typedef struct itn__list {
     float d[ITN__LIST + 1];
 } itn__list;
 
-/* From a window's 4x4 pixels to the 3x3 around its pixel `corner` (2 row + column). */
-static size_t itn__conv_corner(const itn__conv *c, size_t corner) {
-    return corner / 2 % 2 * c->in.row + corner % 2 * c->in.lanes;
-}
-
 /* Fills lists with terms of some windows and outputs (at most ITN__LIST of what is added up), for
    derivatives of weights, a list for each output, or of inputs, one for each pixel of a window. */
 static void itn__fill_lists(const itn__conv *c, size_t window, size_t windows, size_t output,
@@ -9221,7 +9192,8 @@ static void itn__fill_lists(const itn__conv *c, size_t window, size_t windows, s
         itn__window w = itn__window_make(c, window + k);
         for (o = output; o < output + outputs; o++) {
             size_t out = w.out + o / ITN__LANES * c->out.plane + o % ITN__LANES;
-            size_t chosen = c->chosen[out], in = w.in + itn__conv_corner(c, chosen);
+            size_t chosen = c->chosen[out]; /* of the 4x4 pixels: the 3x3 around it */
+            size_t in = w.in + chosen / 2 % 2 * c->in.row + chosen % 2 * c->in.lanes;
             itn__list *list = lists + (weights ? o - output : (ITN__SHUT + 1) * k + chosen);
             list->to = weights ? o * ITN__PATCH : in;
             list->at[list->count] = weights ? in : o * ITN__PATCH;
@@ -9363,12 +9335,11 @@ ITN_API itn_result itn_loss_image(const itn_scene *scene, const float *theta,
     if (!scene || !parameters || !predicted || !loss || !gradient || count < 1)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_loss_image: a pointer is NULL or count is below 1");
-    values = (float *)itn__allocate(&scene->context, (size_t)scene->parameter_count,
-                                    sizeof *values);
+    values = ITN__NEW(float, &scene->context, scene->parameter_count);
     if (!values) return itn__out_of_memory(error, "the parameters of a scene");
     itn_parameter_values(scene, values);
     if (theta) memcpy(values, theta, (size_t)scene->parameter_count * sizeof *values);
-    for (k = 0; k < count && result == ITN_OK; k++) {
+    for (k = 0; k < count && !result; k++) {
         p = itn_parameter_get(scene, parameters[k]);
         if (!p || !itn__finite((double)predicted[k]))
             result = itn__fail(error, ITN_ERROR_ARGUMENT, 0,
@@ -9379,13 +9350,12 @@ ITN_API itn_result itn_loss_image(const itn_scene *scene, const float *theta,
                 (float)fmax(itn_parameter_from_coordinate(p, (double)predicted[k]),
                             itn__least_sought(p));
     }
-    if (result == ITN_OK)
+    if (!result)
         result = itn_loss_gradient(scene, values, options, image, parameters, count, loss, gradient,
                                    error);
-    for (k = 0; k < count && result == ITN_OK; k++) {
-        p = itn_parameter_get(scene, parameters[k]);
-        gradient[k] *= itn_parameter_slope(p, (double)values[parameters[k]]);
-    }
+    for (k = 0; k < count && !result; k++)
+        gradient[k] *= itn_parameter_slope(&scene->parameters[parameters[k]],
+                                           (double)values[parameters[k]]);
     itn__free(&scene->context, values);
     return result;
 }
@@ -9416,31 +9386,28 @@ struct itn_net {
     double rate;                             /* of a step */
 };
 
-/* The sizes of a desc, the batch last. */
-static void itn__net_fields(itn_net_desc *desc, int *fields[7]) {
-    fields[0] = &desc->width, fields[1] = &desc->height, fields[2] = &desc->channels;
-    fields[3] = &desc->layer_count, fields[4] = &desc->first_channels;
-    fields[5] = &desc->outputs, fields[6] = &desc->batch;
-}
-
-/* Fills in the defaults of a desc and checks its ranges. */
+/* Fills in the defaults of a desc and checks its ranges. Its sizes are its first fields. */
+enum { ITN__NET_SIZES = 7 };
 static itn_result itn__net_desc_fill(const itn_net_desc *given, itn_net_desc *desc,
                                      itn_error *error) {
-    static const char *const names[7] = {"width",          "height",  "channels", "layer_count",
-                                         "first_channels", "outputs", "batch"};
-    static const int defaults[7] = {128, 128, 2, 7, 16, 3, 16};
-    static const int limits[7] = {8192, 8192, 1024, ITN__NET_LAYERS, 65536, 4096, 65536};
-    int *fields[7], k, halvings;
+    static const struct {
+        const char *name;
+        int standard, most;
+    } rows[ITN__NET_SIZES] = {{"width", 128, 8192}, {"height", 128, 8192}, {"channels", 2, 1024},
+                              {"layer_count", 7, ITN__NET_LAYERS}, {"first_channels", 16, 65536},
+                              {"outputs", 3, 4096}, {"batch", 16, 65536}};
+    int sizes[ITN__NET_SIZES], k, halvings;
     memset(desc, 0, sizeof *desc);
     if (given) *desc = *given;
-    itn__net_fields(desc, fields);
-    for (k = 0; k < 7; k++) {
-        if (*fields[k] == 0) *fields[k] = defaults[k];
-        if (*fields[k] < 1 || *fields[k] > limits[k])
+    memcpy(sizes, desc, sizeof sizes);
+    for (k = 0; k < ITN__NET_SIZES; k++) {
+        if (sizes[k] == 0) sizes[k] = rows[k].standard;
+        if (sizes[k] < 1 || sizes[k] > rows[k].most)
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "itn_net_desc: %s is %d, must be in 1..%d", names[k], *fields[k],
-                             limits[k]);
+                             "itn_net_desc: %s is %d, must be in 1..%d", rows[k].name, sizes[k],
+                             rows[k].most);
     }
+    memcpy(desc, sizes, sizeof sizes);
     halvings = 1 << desc->layer_count;
     if (desc->first_channels > 2 * 65536 / halvings || desc->width % halvings ||
         desc->height % halvings)
@@ -9596,24 +9563,19 @@ ITN_API itn_result itn_net_input(int width, int height, const float *pixels, dou
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                              "itn_net_input: pixel (%d, %d) is not finite, or too large for a "
                              "mean of %g", i % width, i / width, mean);
-    for (i = 0; i < plane; i++) {
+    for (i = 0; i < 2 * plane; i++) { /* first all of the blur, of which edges are then made */
         double sum = 0;
-        x = i % width, y = i / width;
-        for (dy = -2; dy <= 2; dy++)
+        x = i % width, y = i / width % height;
+        for (dy = -2; dy <= 2 && i < plane; dy++)
             for (dx = -2; dx <= 2; dx++)
                 sum += binomial[dy + 2] * binomial[dx + 2] *
-                       itn__border_pixel(pixels, width, height, x + dx, y + dy);
-        input[i] = (float)(sum / mean);
-    }
-    for (i = 0; i < plane; i++) {
-        double across, down, slope;
-        x = i % width, y = i / width;
-        across = itn__border_pixel(input, width, height, x + 1, y) -
-                 itn__border_pixel(input, width, height, x - 1, y);
-        down = itn__border_pixel(input, width, height, x, y + 1) -
-               itn__border_pixel(input, width, height, x, y - 1);
-        slope = sqrt(across * across + down * down);
-        input[plane + i] = (float)(slope / (slope + 1));
+                       itn__border_pixel(pixels, width, height, x + dx, y + dy) / mean;
+        for (dx = 0; dx < 2 && i >= plane; dx++) {
+            double step = itn__border_pixel(input, width, height, x + 1 - dx, y + dx) -
+                          itn__border_pixel(input, width, height, x - 1 + dx, y - dx);
+            sum = sqrt(sum * sum + step * step);
+        }
+        input[i] = (float)(i < plane ? sum : sum / (sum + 1));
     }
     return ITN_OK;
 }
@@ -12870,15 +12832,15 @@ static itn_result itn__weights_header(itn__text *text, itn_net *shape, size_t *a
     itn_net_desc desc = ITN_ZERO;
     uint64_t count;
     uint32_t version;
-    int *fields[7], given = 1, k;
+    int sizes[ITN__NET_SIZES - 1], given = 1, k;
     if (size < 16 || memcmp(text->start, ITN__WEIGHTS_MAGIC, 8))
         return ITN__DAMAGED(text, "not a network file (these begin with ITN-NET)");
     text->at = text->start + 8;
     version = itn__take_u32(text), *arrays = itn__take_u32(text);
     if (version != 1)
         return ITN__DAMAGED(text, "file version %.0f, this build reads version 1", (double)version);
-    itn__net_fields(&desc, fields);
-    for (k = 0; k < 6; k++) given &= (*fields[k] = (int32_t)itn__take_u32(text)) != 0;
+    for (k = 0; k < 6; k++) given &= (sizes[k] = (int32_t)itn__take_u32(text)) != 0;
+    memcpy(&desc, sizes, sizeof sizes);
     count = itn__take_number(text, 8, 0), shape->steps = itn__take_number(text, 8, 0);
     if ((*arrays != 1 && *arrays != 3) ||
         64 + 4. * (double)*arrays * (double)count != (double)size) /* exact, where they are equal */
@@ -12926,20 +12888,19 @@ ITN_API itn_result itn_net_from_memory(const void *data, size_t size, const char
 ITN_API itn_result itn_net_save(const itn_net *net, const char *path, int weights_only,
                                 itn_error *error) {
     itn__buffer buffer = ITN_ZERO;
-    itn_net_desc desc;
     size_t k, arrays = weights_only ? 1 : 3, values;
-    int *fields[7];
+    int sizes[ITN__NET_SIZES - 1];
     if (!net || !path)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_save: a pointer is NULL");
     values = arrays * net->count;
     if (itn__first_beyond(net->parameters, values, FLT_MAX) < values)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "%s: not written, because a weight or Adam moment is not finite", path);
-    buffer.context = net->context, desc = net->desc;
+    buffer.context = net->context;
     itn__put(&buffer, ITN__WEIGHTS_MAGIC, 8);
     itn__put_number(&buffer, 1 | (uint64_t)arrays << 32, 8, 0);
-    itn__net_fields(&desc, fields);
-    for (k = 0; k < 6; k++) itn__put_number(&buffer, (uint32_t)*fields[k], 4, 0);
+    memcpy(sizes, &net->desc, sizeof sizes);
+    for (k = 0; k < 6; k++) itn__put_number(&buffer, (uint32_t)sizes[k], 4, 0);
     itn__put_number(&buffer, net->count, 8, 0);
     itn__put_number(&buffer, weights_only ? 0 : net->steps, 8, 0);
     itn__put_floats(&buffer, net->parameters, values);

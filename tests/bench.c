@@ -361,7 +361,7 @@ static const variant variants[VARIANTS] = {
     {"lanes", ITN_MODE_FAST, ITN_SAMPLER_RANDOM, 1, ITN_ESTIMATOR_SCORE},
     {"+ splitting", ITN_MODE_FAST, ITN_SAMPLER_RANDOM, 4, ITN_ESTIMATOR_SCORE},
     {"+ Sobol", ITN_MODE_FAST, ITN_SAMPLER_SOBOL, 4, ITN_ESTIMATOR_SCORE},
-    {"+ control", ITN_MODE_FAST, ITN_SAMPLER_SOBOL, 4, ITN_ESTIMATOR_AUTO}};
+    {"+ control", ITN_MODE_FAST, ITN_SAMPLER_SOBOL, 4, ITN_ESTIMATOR_BASELINE}};
 
 /* What is rendered. */
 typedef struct subject {
@@ -786,7 +786,7 @@ static double differentiate(const subject *s, int estimator, itn_render_options 
     double start;
     material_parameters(s, parameters);
     options.mode = estimator == 0 ? ITN_MODE_REFERENCE : ITN_MODE_FAST;
-    options.estimator = estimator == 1 ? ITN_ESTIMATOR_SCORE : ITN_ESTIMATOR_AUTO;
+    options.estimator = estimator == 1 ? ITN_ESTIMATOR_SCORE : ITN_ESTIMATOR_BASELINE;
     start = processor_seconds();
     need(itn_render(s->made, NULL, &options, parameters, MATERIAL, &image, &error), &error);
     start = processor_seconds() - start;

@@ -177,7 +177,7 @@ enum { SOLIDS_WAYS = 3 };
 SOLIDS_STATIC void solids_way(itn_render_options *options, int way) {
     int fast = way && !options->max_scatter; /* limits are the reference's */
     options->mode = fast ? ITN_MODE_FAST : ITN_MODE_REFERENCE;
-    options->sampler = way == 1 ? ITN_SAMPLER_RANDOM : ITN_SAMPLER_AUTO;
+    options->sampler = way == 1 ? ITN_SAMPLER_RANDOM : ITN_SAMPLER_SOBOL;
     options->walks = way == 1 ? 1 : 0;
 }
 

@@ -967,9 +967,9 @@ static void test_arguments(void) {
     REFUSED(itn_render(scene, NULL, &options, NULL, 0, &image, &error));
     options.walks = 0, options.sampler = (itn_sampler)9;
     REFUSED(itn_render(scene, NULL, &options, NULL, 0, &image, &error));
-    options.sampler = ITN_SAMPLER_AUTO, options.estimator = (itn_estimator)9;
+    options.sampler = ITN_SAMPLER_SOBOL, options.estimator = (itn_estimator)9;
     REFUSED(itn_render(scene, NULL, &options, NULL, 0, &image, &error));
-    options.estimator = ITN_ESTIMATOR_AUTO, options.spp = INT_MAX; /* of four walks each */
+    options.estimator = ITN_ESTIMATOR_BASELINE, options.spp = INT_MAX; /* of four walks each */
     REFUSED(itn_render(scene, NULL, &options, NULL, 0, &image, &error));
     options.spp = 2;
     REFUSED(itn_image_create(0, 4, 1, NULL, &image, &error));
