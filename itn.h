@@ -12451,7 +12451,7 @@ static void itn__add_polygon(itn__builder *b, itn__text *text) {
     if (text->result) return;
     for (i = 0; i < count; i++)
         if (n + count - i <= 3 || !itn__same_place(c + i, c + (i + 1) % count)) c[n++] = c[i];
-    for (k = 0; k < 3; k++) {
+    for (k = 0; k < 3 && n > 3; k++) { /* a triangle needs no normal */
         double axis[3] = {0, 0, 0};
         axis[k] = 1;
         for (i = 1; i + 1 < n; i++) normal[k] += itn__turn(c, c + i, c + i + 1, axis);
