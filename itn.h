@@ -11554,15 +11554,16 @@ enum { ITN__EXR_LONG_NAMES = 0x400, ITN__EXR_CHANNELS = 1024 };
 enum { ITN__EXR_UINT = 0, ITN__EXR_HALF, ITN__EXR_FLOAT };
 enum { ITN__EXR_NONE = 0, ITN__EXR_RLE, ITN__EXR_ZIPS, ITN__EXR_ZIP };
 
+typedef struct itn__exr_box { int64_t x, y, width, height; } itn__exr_box;
+
 typedef struct itn__exr {
     itn__text *text;
     const char *names[ITN__EXR_CHANNELS]; /* in the file's bytes */
     uint32_t types[ITN__EXR_CHANNELS];
     int channels, compression;
-    int32_t stored[4], shown[4]; /* data and display window: x, y of the first and last pixel */
-    int64_t width, height;       /* of the data window */
-    int64_t lines;               /* of a block */
-    size_t line;                 /* the bytes of one, without compression */
+    itn__exr_box data, display;
+    int64_t lines; /* of a block */
+    size_t line;   /* the bytes of one, without compression */
     unsigned char *seen, *scratch; /* which blocks were there; room for a block twice */
 } itn__exr;
 
@@ -11593,9 +11594,13 @@ static void itn__exr_channel_list(itn__exr *exr, itn__text *text) {
     }
 }
 
-/* How many pixels a window has along an axis. */
-static int64_t itn__exr_extent(const int32_t *window, int axis) {
-    return (int64_t)window[axis + 2] - window[axis] + 1;
+/* Reads x and y of a window's first and last pixel. */
+static itn__exr_box itn__exr_take_box(itn__text *text) {
+    itn__exr_box w;
+    w.x = (int32_t)itn__take_u32(text), w.y = (int32_t)itn__take_u32(text);
+    w.width = (int32_t)itn__take_u32(text) - w.x + 1;
+    w.height = (int32_t)itn__take_u32(text) - w.y + 1;
+    return w;
 }
 
 /* Reads the header, up to the blocks, and checks that the file is large enough for what it promises
@@ -11603,37 +11608,35 @@ static int64_t itn__exr_extent(const int32_t *window, int axis) {
 static void itn__exr_header(itn__exr *exr) {
     itn__text *text = exr->text, value;
     uint64_t version = itn__take_number(text, 8, 0) >> 32; /* behind the magic number */
+    itn__exr_box *data = &exr->data, *display = &exr->display;
     const char *name;
-    double bytes, ratio;
-    int k;
-    exr->compression = exr->stored[2] = exr->shown[2] = -1;
+    double pixels, shown;
+    exr->compression = -1;
     if ((version & ~(uint64_t)ITN__EXR_LONG_NAMES) != 2)
         ITN__UNSUPPORTED(text, "EXR of tiles, deep data, several parts or another version than 2");
     while (!text->result && *(name = itn__take_string(text))) {
-        int shown = !strcmp(name, "displayWindow"), stored = !strcmp(name, "dataWindow");
         itn__take_string(text); /* the type */
         value = itn__take_part(text, itn__take_u32(text));
         if (!strcmp(name, "channels")) itn__exr_channel_list(exr, &value);
         if (!strcmp(name, "compression")) exr->compression = (int)itn__take_number(&value, 1, 0);
-        for (k = 0; k < 4 && (shown || stored); k++)
-            (shown ? exr->shown : exr->stored)[k] = (int32_t)itn__take_u32(&value);
+        if (!strcmp(name, "dataWindow")) *data = itn__exr_take_box(&value);
+        if (!strcmp(name, "displayWindow")) *display = itn__exr_take_box(&value);
         text->result = value.result;
     }
-    if (exr->shown[2] < exr->shown[0]) memcpy(exr->shown, exr->stored, sizeof exr->shown);
-    exr->width = itn__exr_extent(exr->stored, 0), exr->height = itn__exr_extent(exr->stored, 1);
-    bytes = (double)exr->line * (double)exr->width * (double)exr->height;
-    ratio = (double)itn__exr_extent(exr->shown, 0) * (double)itn__exr_extent(exr->shown, 1) /
-            ((double)exr->width * (double)exr->height);
+    if (display->width < 1) *display = *data;
+    pixels = (double)data->width * (double)data->height;
+    shown = (double)display->width * (double)display->height;
     if (exr->compression > ITN__EXR_ZIP)
         ITN__UNSUPPORTED(text, "EXR compression %d (4 is PIZ, from 6 on B44, DWA)",
                          exr->compression);
-    if (!exr->channels || exr->compression < 0 || exr->width < 1 || exr->width > INT_MAX ||
-        exr->height < 1 || exr->height > INT_MAX || !(ratio > 0 && ratio <= 256))
+    if (!exr->channels || exr->compression < 0 || data->width < 1 || data->width > INT_MAX ||
+        data->height < 1 || data->height > INT_MAX || display->width > INT_MAX ||
+        display->height < 1 || display->height > INT_MAX || shown > 256 * pixels)
         ITN__DAMAGED(text, "EXR header lacks channels, compression or windows of valid size");
-    if ((double)exr->line * (double)exr->width > (double)(SIZE_MAX / 64) ||
-        bytes > (exr->compression ? 1032 : 1) * (double)(text->end - text->at))
+    if ((double)exr->line * (double)data->width > (double)(SIZE_MAX / 64) ||
+        (double)exr->line * pixels > (exr->compression ? 1032 : 1) * (double)(text->end - text->at))
         ITN__DAMAGED(text, "EXR data window is larger than the data: cut off or damaged");
-    exr->line *= (size_t)exr->width, exr->lines = exr->compression == ITN__EXR_ZIP ? 16 : 1;
+    exr->line *= (size_t)data->width, exr->lines = exr->compression == ITN__EXR_ZIP ? 16 : 1;
 }
 
 /* Undoes run lengths: a count n < 128 repeats the next byte n + 1 times, others copy 256 - n. */
@@ -11685,14 +11688,14 @@ static float *itn__pixel(const itn_image *image, int plane, int row, int x) {
 /* Spreads the lines of a block, from that row of the data window on, over the image's planes. */
 static void itn__exr_lines(const itn__exr *exr, const unsigned char *data, int64_t row, int64_t end,
                            itn_image *image) {
-    int64_t left = (int64_t)exr->stored[0] - exr->shown[0], x, y;
+    int64_t left = exr->data.x - exr->display.x, x, y;
     int i;
     for (; row < end; row++)
         for (i = 0; i < exr->channels; i++) {
             uint32_t type = exr->types[i], size = type == ITN__EXR_HALF ? 2 : 4;
-            for (x = left; x < left + exr->width; x++, data += size) {
+            for (x = left; x < left + exr->data.width; x++, data += size) {
                 uint32_t bits = (uint32_t)itn__from_bytes(data, size, 0);
-                y = row + exr->stored[1] - exr->shown[1];
+                y = row + exr->data.y - exr->display.y;
                 if (y < 0 || y >= image->height || x < 0 || x >= image->width) continue;
                 *itn__pixel(image, i, (int)y, (int)x) =
                     type == ITN__EXR_FLOAT  ? itn__float_of(bits)
@@ -11705,8 +11708,8 @@ static void itn__exr_lines(const itn__exr *exr, const unsigned char *data, int64
 /* Reads one block. */
 static void itn__exr_block(itn__exr *exr, itn_image *image) {
     itn__text *text = exr->text, in = *text;
-    int64_t row = (int32_t)itn__take_u32(text) - (int64_t)exr->stored[1];
-    int64_t lines = exr->height - row < exr->lines ? exr->height - row : exr->lines;
+    int64_t row = (int32_t)itn__take_u32(text) - exr->data.y;
+    int64_t lines = exr->data.height - row < exr->lines ? exr->data.height - row : exr->lines;
     size_t size = itn__take_u32(text), raw = exr->line * (size_t)lines;
     unsigned char *coded = exr->scratch;
     const unsigned char *data = coded + raw;
@@ -11734,12 +11737,12 @@ static ITN__COLD void itn__exr_decode(itn__text *text, const itn_context *contex
     int i;
     exr.text = text, text->line = 0;
     itn__exr_header(&exr);
-    if (!itn__begin_image(text, itn__exr_extent(exr.shown, 0), itn__exr_extent(exr.shown, 1),
-                          exr.channels, context, image))
+    if (!itn__begin_image(text, exr.display.width, exr.display.height, exr.channels, context,
+                          image))
         return;
     for (i = 0; i < exr.channels; i++) itn__copy_name(image->names[i], exr.names[i]);
-    blocks = (size_t)((exr.height - 1) / exr.lines + 1);
-    lines = (size_t)(blocks > 1 ? exr.lines : exr.height);
+    blocks = (size_t)((exr.data.height - 1) / exr.lines + 1);
+    lines = (size_t)(blocks > 1 ? exr.lines : exr.data.height);
     exr.seen = (unsigned char *)itn__allocate(&image->context, 2 * exr.line * lines + blocks, 1);
     if (exr.seen) exr.scratch = exr.seen + blocks;
     else itn__text_fail(text, ITN_ERROR_MEMORY, "out of memory");
@@ -11888,18 +11891,10 @@ static void itn__png_unfilter(unsigned char *row, const unsigned char *above, si
     }
 }
 
-/* The codes of pixel x of a row: those of its colours, and of its alpha if it has one. */
-static void itn__png_codes(const itn__png *png, const unsigned char *row, size_t x,
-                           unsigned codes[4]) {
-    size_t depth = (size_t)png->depth, at;
-    int k;
-    for (k = 0; k < png->samples; k++) {
-        at = (x * (size_t)png->samples + (size_t)k) * depth;
-        codes[k] = (unsigned)itn__from_bytes(row + at / 8, (depth + 7) / 8, 1);
-        if (depth < 8) codes[k] = codes[k] >> (8 - depth - at % 8) & ((1u << depth) - 1);
-    }
-    if (png->type != ITN__PNG_PALETTE) return;
-    for (k = 3; k >= 0; k--) codes[k] = png->palette[codes[0]][k];
+/* Code k of a row of so many bits each. */
+static unsigned itn__png_code(const unsigned char *row, size_t k, size_t depth) {
+    unsigned code = (unsigned)itn__from_bytes(row + k * depth / 8, (depth + 7) / 8, 1);
+    return depth < 8 ? code >> (8 - depth - k * depth % 8) & ((1u << depth) - 1) : code;
 }
 
 /* Decompresses the rows into an image: colours by the curve, alpha as it is. */
@@ -11908,8 +11903,7 @@ static void itn__png_rows(itn__png *png, size_t line, itn_image *image) {
     size_t size = line * (size_t)png->height, step = (size_t)(png->depth * png->samples + 7) / 8;
     unsigned char *rows = ITN__NEW(unsigned char, &image->context, size), *row, *above = NULL;
     float *light = ITN__NEW(float, &image->context, image->codes + 1);
-    unsigned codes[4];
-    int x, y, k;
+    int palette = png->type == ITN__PNG_PALETTE, x, y, k;
     in.error = text->error, in.line = 0, in.part = text->part = "PNG pixels";
     if (!rows || !light) itn__text_fail(&in, ITN_ERROR_MEMORY, "out of memory");
     else itn__zlib_decode(&in, rows, size);
@@ -11917,15 +11911,17 @@ static void itn__png_rows(itn__png *png, size_t line, itn_image *image) {
     for (y = 0, row = rows; y < png->height && !text->result; y++, above = row + 1, row += line) {
         if (*row > 4) ITN__DAMAGED(text, "row %d has filter %d", y, *row);
         else itn__png_unfilter(row + 1, above, line - 1, step, *row);
-        for (x = 0; x < png->width; x++) {
-            itn__png_codes(png, row + 1, (size_t)x, codes);
+        for (x = 0; x < png->width; x++)
             for (k = 0; k < image->plane_count; k++) {
-                double value = (double)codes[k] / image->codes;
-                if (!light[codes[k]] && k < png->colours) /* not known yet */
-                    light[codes[k]] = (float)itn__decode(value, (double)image->gamma);
-                *itn__pixel(image, k, y, x) = k < png->colours ? light[codes[k]] : (float)value;
+                size_t first = (size_t)x * (size_t)png->samples, depth = (size_t)png->depth;
+                unsigned code = itn__png_code(row + 1, palette ? first : first + (size_t)k, depth);
+                double value;
+                if (palette) code = png->palette[code][k];
+                value = (double)code / image->codes;
+                if (!light[code] && k < png->colours) /* not known yet */
+                    light[code] = (float)itn__decode(value, (double)image->gamma);
+                *itn__pixel(image, k, y, x) = k < png->colours ? light[code] : (float)value;
             }
-        }
     }
     itn__free(&image->context, light), itn__free(&image->context, rows);
 }
@@ -12293,18 +12289,8 @@ static float itn__percentile99(const float *values, size_t count, int with_signs
     return itn__float_of(found);
 }
 
-/* Puts a pixel's colour; NaN is magenta. */
-static void itn__png_put_pixel(itn__buffer *rows, const float v[3], itn_png_mode mode) {
-    float mean = (v[0] + v[1] + v[2]) / 3, code;
-    unsigned char rgb[3];
-    int k;
-    for (k = 0; k < 3; k++) {
-        code = mode == ITN_PNG_SIGNED ? (1 - (float)k) * mean
-                                      : (float)itn__encode((double)itn__clamp(v[k], 0, 1), 0);
-        rgb[k] = (unsigned char)(itn__clamp(code, 0, 1) * 255 + .5f);
-    }
-    itn__put(rows, mean == mean ? (const char *)rgb : "\xff\0\xff", 3);
-}
+/* [0,1] to [0,255], what is outside cut. */
+static unsigned char itn__byte(double x) { return (unsigned char)(fmin(fmax(x, 0), 1) * 255 + .5); }
 
 /* Puts a chunk of data, which are then none. */
 static void itn__png_put_chunk(itn__buffer *png, const char *type, itn__buffer *data) {
@@ -12333,7 +12319,7 @@ ITN_API ITN__COLD itn_result itn_image_save_png(const itn_image *image, int firs
                                                 int plane_count, itn_png_mode mode, float scale,
                                                 const char *path, itn_error *error) {
     itn__buffer png, rows, data;
-    float v[3], largest;
+    float largest;
     int x, y, k;
     itn_result result = itn__check_image(image, first_plane, plane_count, 1, &png, error);
     if (result) return result;
@@ -12352,9 +12338,15 @@ ITN_API ITN__COLD itn_result itn_image_save_png(const itn_image *image, int firs
     for (y = 0; y < image->height && !rows.failed; y++) {
         itn__put_number(&rows, 0, 1, 1); /* not filtered */
         for (x = 0; x < image->width; x++) {
+            double v[3], mean;
+            unsigned char rgb[3] = {255, 0, 255}; /* of NaN */
             for (k = 0; k < 3; k++)
-                v[k] = scale * *itn__pixel(image, first_plane + k % plane_count, y, x);
-            itn__png_put_pixel(&rows, v, mode);
+                v[k] = (double)(scale * *itn__pixel(image, first_plane + k % plane_count, y, x));
+            mean = (v[0] + v[1] + v[2]) / 3;
+            for (k = 0; k < 3 && mean == mean; k++)
+                rgb[k] = itn__byte(mode == ITN_PNG_SIGNED ? (1 - k) * mean
+                                                          : itn__encode(fmin(fmax(v[k], 0), 1), 0));
+            itn__put(&rows, rgb, 3);
         }
     }
     itn__put(&png, "\x89PNG\r\n\x1a\n", 8);
