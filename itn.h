@@ -6221,13 +6221,14 @@ typedef struct itn__raster {
     float axis[3][16], least[16], most[16];
 } itn__raster;
 
-/* Loads a triangle and its range. Returns 0 if there is none, or if two of its corners are equal:
-   no ray can hit it. (Others without area may be hit when rounding opens them.) */
-static int itn__raster_load(const itn__voxels *voxels, const itn__triangle *triangle,
+/* Loads a triangle, its range, and the axes that are not those of the box. Returns 0 if there is no
+   range, or if two of its corners are equal: no ray can hit it. (Others without area may be hit, as
+   rounding opens them.) */
+static int itn__raster_make(const itn__voxels *voxels, const itn__triangle *triangle,
                             itn__raster *r) {
     const float origin[3] = {voxels->lower.x, voxels->lower.y, voxels->lower.z};
-    float size = 0; /* coordinates have errors of a few roundings of that */
-    int j, k, inside = 1;
+    float edge[3][3], size = 0; /* coordinates have errors of a few roundings of that */
+    int i, j, k, inside = 1, wide = 0;
     for (j = 0; j < 3; j++) {
         const float *corner = triangle->corner[j], *next = triangle->corner[(j + 1) % 3];
         inside &= corner[0] != next[0] || corner[1] != next[1] || corner[2] != next[2];
@@ -6244,14 +6245,9 @@ static int itn__raster_load(const itn__voxels *voxels, const itn__triangle *tria
         inside &= least < end && most >= 0;
         r->range[k][0] = (int)itn__clamp(least, 0, end - 1);
         r->range[k][1] = (int)itn__clamp(most, 0, end - 1);
+        wide |= r->range[k][0] < r->range[k][1];
     }
-    return inside;
-}
-
-/* The axes that are not those of the box: the normal, and edges across those of the box. */
-static void itn__raster_axes(itn__raster *r) {
-    float edge[3][3];
-    int i, j, k;
+    if (!inside || !wide) return inside; /* a triangle within a cell needs none */
     memset(r->axis, 0, sizeof r->axis);
     for (j = 0; j < 3; j++)
         for (k = 0; k < 3; k++) edge[j][k] = r->p[(j + 1) % 3][k] - r->p[j][k];
@@ -6262,13 +6258,14 @@ static void itn__raster_axes(itn__raster *r) {
             r->axis[l][1 + 3 * k + j] = -edge[j][m], r->axis[m][1 + 3 * k + j] = edge[j][l];
     }
     for (i = 0; i < 16; i += ITN__LANES) {
-        itn__floats a[3], x[3], wide = itn__splat(FLT_MIN);
+        itn__floats a[3], x[3], reach = itn__splat(FLT_MIN);
         for (k = 0; k < 3; k++)
-            a[k] = itn__load(r->axis[k] + i), wide += itn__absolute(a[k]) * (.5f + r->margin);
+            a[k] = itn__load(r->axis[k] + i), reach += itn__absolute(a[k]) * (.5f + r->margin);
         for (j = 0; j < 3; j++) x[j] = a[0] * r->p[j][0] + a[1] * r->p[j][1] + a[2] * r->p[j][2];
-        itn__store(r->least + i, itn__least(x[0], itn__least(x[1], x[2])) - wide);
-        itn__store(r->most + i, itn__most(x[0], itn__most(x[1], x[2])) + wide);
+        itn__store(r->least + i, itn__least(x[0], itn__least(x[1], x[2])) - reach);
+        itn__store(r->most + i, itn__most(x[0], itn__most(x[1], x[2])) + reach);
     }
+    return 1;
 }
 
 /* Writes the cells that a triangle touches and returns how many there are: in each row along x,
@@ -6277,10 +6274,9 @@ static int itn__raster_cells(const itn__voxels *voxels, const itn__triangle *tri
                              int32_t *cells) {
     itn__raster r;
     int x, y, z, i, count = 0;
-    if (!itn__raster_load(voxels, triangle, &r)) return 0;
+    if (!itn__raster_make(voxels, triangle, &r)) return 0;
     *cells = itn__cell_index(voxels, r.range[0][0], r.range[1][0], r.range[2][0]);
     if (*cells == itn__cell_index(voxels, r.range[0][1], r.range[1][1], r.range[2][1])) return 1;
-    itn__raster_axes(&r);
     for (z = r.range[2][0]; z <= r.range[2][1]; z++)
         for (y = r.range[1][0]; y <= r.range[1][1]; y++) {
             float first = (float)r.range[0][0] + .5f, last = (float)r.range[0][1] + .5f;
@@ -6772,6 +6768,12 @@ static void itn__enqueue(const itn__crowd *crowd, itn__queue *queue, const itn__
     queue->slots[queue->count++] = (int32_t)(path - crowd->paths);
 }
 
+/* Whether p lies in the box of the scene's solids; a walk that has lost its solid does not. */
+static int itn__within(const itn_scene *scene, itn_vec3 p) {
+    itn_vec3 a = scene->lower, b = scene->upper;
+    return p.x >= a.x && p.y >= a.y && p.z >= a.z && p.x <= b.x && p.y <= b.y && p.z <= b.z;
+}
+
 /* The substance at a place: 1 + the medium's index, or 0 where nothing scatters or absorbs. */
 static int itn__substance_of(const itn__render *render, const itn__place *place) {
     const itn__medium *medium = itn__medium_of(render->scene, place->inside);
@@ -6937,7 +6939,7 @@ static void itn__find_hit(const itn_scene *scene, itn__path *path) {
 
 enum { ITN__LESSON_SUMS = ITN__TERMS * (ITN__TERMS + 3) };
 #define ITN__TERM_STEPS 4096.
-#define ITN__RIDGE 1e-5 /* of the number of lessons */
+#define ITN__RIDGE 1e-4 /* of the number of lessons */
 #define ITN__LARGEST_LESSON 1048576. /* units */
 
 /* P_l by powers. */
@@ -7525,15 +7527,15 @@ static itn__light_draw itn__light_for(const itn__crowd *crowd, itn__state *s, it
     return light;
 }
 
-/* Which shadow rays with weights w roulette leaves. *level receives xi c, *depth how many mean free
-   paths they reach. */
-static unsigned itn__cut_shadows(const itn__crowd *crowd, const itn__state *s,
-                                 const itn__floats w[3], itn__ints mask, itn__floats *level,
+/* Which shadow rays roulette leaves whose weights are in `radiance`. *level receives xi c, *depth
+   how many mean free paths they reach. */
+static unsigned itn__cut_shadows(const itn__crowd *crowd, const itn__state *s, itn__ints mask,
+                                 const itn__floats radiance[3], itn__floats *level,
                                  itn__floats *depth) {
     itn__ints dimension = s->dimension + itn__splat_int(1 << 30);
-    itn__floats largest = w[0];
+    itn__floats largest = radiance[0];
     int c;
-    for (c = 1; c < crowd->render->channels; c++) largest = itn__most(largest, w[c]);
+    for (c = 1; c < crowd->render->channels; c++) largest = itn__most(largest, radiance[c]);
     *level = crowd->render->shadow_cut *
              itn__uniforms(itn__int_words(s->key0), itn__int_words(s->key1), &dimension, mask);
     mask &= itn__less(*level, largest);
@@ -7544,8 +7546,7 @@ static unsigned itn__cut_shadows(const itn__crowd *crowd, const itn__state *s,
 
 /* A shadow ray of lane k that reaches that far, with the place and scores of its path. */
 static itn__path *itn__send_shadow(itn__crowd *crowd, const itn__state *s, int k,
-                                   const itn__vectors *d, const itn__floats w[3], float level,
-                                   float reach) {
+                                   const itn__light_draw *light, float level, float reach) {
     itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)], *ray;
     size_t count = (size_t)crowd->render->count;
     int c;
@@ -7554,8 +7555,8 @@ static itn__path *itn__send_shadow(itn__crowd *crowd, const itn__state *s, int k
     memset(&ray->control, 0, (ITN__ROWS - ITN__FEW_ROWS) * sizeof(float));
     ray->owner = path, ray->place = path->place, ray->distance = reach, ray->pdf = level;
     ray->scores = crowd->scores + (size_t)(ITN__CROWD + crowd->ray_count++) * count;
-    ray->p = itn__lane_vector(&s->p, k), ray->d = itn__lane_vector(d, k);
-    for (c = 0; c < crowd->render->channels; c++) ray->beta[c] = ITN__LANE(w[c], k);
+    ray->p = itn__lane_vector(&s->p, k), ray->d = itn__lane_vector(&light->direction, k);
+    for (c = 0; c < crowd->render->channels; c++) ray->beta[c] = ITN__LANE(light->radiance[c], k);
     if (count) memcpy(ray->scores, path->scores, count * sizeof *ray->scores);
     return ray;
 }
@@ -7597,20 +7598,20 @@ static void itn__light_collisions(itn__crowd *crowd, int substance, itn__state *
                                   const itn__free_space *space) {
     const itn__substance *medium = &crowd->render->substances[substance];
     itn__light_draw light = itn__light_for(crowd, s, mask);
-    itn__floats x = itn__vone_minus_cosine(s->d, light.direction), w[3], level, depth, reach, q;
+    itn__floats x = itn__vone_minus_cosine(s->d, light.direction), level, depth, reach, q;
     itn__floats y = itn__vone_minus_cosine(s->d, itn__vscale(light.direction, itn__splat(-1)));
     itn__num p = itn__hg(itn__variable(itn__splat(medium->g)), x, y);
     unsigned bits;
     int c;
     for (c = 0; c < crowd->render->channels; c++)
-        w[c] = s->beta[c] * p.v * light.radiance[c] / (light.pdf + p.v);
-    bits = itn__cut_shadows(crowd, s, w, light.drawn, &level, &depth);
+        light.radiance[c] = s->beta[c] * p.v * light.radiance[c] / (light.pdf + p.v);
+    bits = itn__cut_shadows(crowd, s, light.drawn, light.radiance, &level, &depth);
     reach = depth * medium->mean_free_path;
     bits &= ~itn__mask_bits(itn__free_flight(space, itn__valong(s->p, reach, light.direction),
                                              light.direction, &q));
     for (; bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
-        itn__path *ray = itn__send_shadow(crowd, s, k, &light.direction, w, ITN__LANE(level, k),
+        itn__path *ray = itn__send_shadow(crowd, s, k, &light, ITN__LANE(level, k),
                                           ITN__LANE(reach, k));
         itn__leave_behind(&ray->place);
         ray->flights = ITN__LANE(s->flights, k), ray->hits = ITN__LANE(s->hits, k);
@@ -7820,16 +7821,17 @@ ITN__NOINLINE void itn__run_exact(itn__crowd *crowd, int substance) {
     if (substance) itn__find_hits(crowd);
     for (i = 0; i < crowd->exact.count; i++) {
         itn__path *path = &crowd->paths[crowd->exact.slots[i]];
-        float way = substance ? itn__way_out(scene, path->p, path->d) : 0;
+        itn_vec3 end = itn__along(path->p, path->distance, path->d);
         if (!substance) itn__find_hit(scene, path);
         if (path->hit.triangle >= 0) {
             itn__meet(crowd, substance, path);
         } else if (!substance) {
             itn__enqueue(crowd, &crowd->sky, path);
-        } else if (path->distance <= way) {
-            path->p = itn__along(path->p, path->distance, path->d);
+        } else if (itn__within(scene, end)) {
+            path->p = end;
             itn__enqueue(crowd, &crowd->walk[substance], path);
         } else {
+            float way = itn__way_out(scene, path->p, path->d);
             itn__pass(crowd, path, substance, way);
             path->p = itn__along(path->p, way, path->d);
             itn__leave_solids(scene, &path->place);
@@ -7862,19 +7864,18 @@ static void itn__shadows_of_surface(itn__crowd *crowd, itn__state *s, itn__site 
                                     itn__factor *f, itn__ints mask) {
     const itn__render *render = crowd->render;
     itn__light_draw light = itn__light_for(crowd, s, mask);
-    itn__floats pdf, w[3], level, depth;
+    itn__floats pdf, level, depth;
     itn__ints through;
     unsigned bits;
     int c;
     itn__bsdf_eval(site, &light.direction, f, &pdf, &through);
     for (c = 0; c < render->channels; c++)
-        w[c] = s->beta[c] * f->value[c] * light.radiance[c] / (light.pdf + pdf);
-    bits = itn__cut_shadows(crowd, s, w, mask & light.drawn & itn__less(itn__splat(0), pdf),
-                            &level, &depth);
+        light.radiance[c] = s->beta[c] * f->value[c] * light.radiance[c] / (light.pdf + pdf);
+    bits = itn__cut_shadows(crowd, s, mask & light.drawn & itn__less(itn__splat(0), pdf),
+                            light.radiance, &level, &depth);
     for (; bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits), substance;
-        itn__path *ray = itn__send_shadow(crowd, s, k, &light.direction, w, ITN__LANE(level, k),
-                                          INFINITY);
+        itn__path *ray = itn__send_shadow(crowd, s, k, &light, ITN__LANE(level, k), INFINITY);
         itn__leave_surface(render->scene, ray->owner, ITN__LANE(through, k), ray->p, &ray->place);
         substance = itn__substance_of(render, &ray->place);
         if (substance)
