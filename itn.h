@@ -26,58 +26,22 @@
    make it work on many numbers at a time, 16 or 8 with -march=native where the processor has
    AVX-512 or AVX2, else 4; other compilers on one. MIT licence, at the end.
 
-   [contents] search for `---- [tag]`; at the end are history, references, licence
+   [contents] a chapter begins with `---- [tag]` and its title: grep -e '---- [[]' itn.h
 
      Part I, the interface
-       [api-base]       results, errors, memory, threads, images
-       [api-mesh]       triangle meshes and ray queries
-       [api-scene]      what is in the picture, as descs and as text files
-       [api-render]     images, derivative images, gradients
-       [api-net]        a network that learns to invert
-       [api-refine]     analysis by synthesis
-       [api-io]         files
-
-     Part II, the reference path tracer, with all it needs: read from top to bottom, theory first
-       [base]           compiler; errors, memory; scalars, vectors, random numbers
-       [lanes]          many floats at a time, functions of them, and numbers with a slope
-       [triangle]       the watertight test of one ray and many triangles
-       [bvh]            a bounding volume hierarchy
-       [fields]         what items have, said once
-       [medium]         free flight and phase function
-       [surface]        Fresnel, rough boundary, diffuse
-       [light]          constant, map, sky, sun
-       [scene]          what a scene holds
-       [place]          where a walk is
-       [throughput]     what a path carries
-       [path]           the reference path tracer
-
-     Part III, all else: scenes, the fast walk, pictures, networks, searches, files
-       [means]          text, threads, functions of lanes, parts of pictures
-       [mesh]           images, triangle meshes, and whether these are solids
-       [maker]          a desc, checked and made ready
-       [objects]        meshes, transformed and merged into one tree
-       [sobol]          scrambled points that fill the cube evenly
-       [voxels]         what is known of a scene before walking
-       [fast]           the same walk, many paths at a time
-       [value]          what a path is expected to bring home
-       [flights]        what flights meet, by the tables and by the triangles
-       [walk]           shadow rays; collisions, one after the other
-       [surfaces]       what flights come to
-       [picture]        who does what of a picture
-       [render]         samples into images
-       [gradients]      derivatives folded with weights
-       [layers]         convolution, ReLU and pooling as one layer, and a step of Adam
-       [net]            losses, and the assembled network
-       [refine]         analysis by synthesis: coordinates and pictures
-       [normal]         the normal equations, and their noise
-       [search]         steps
-       [estimates]      values, error bars, and what they mean in words
-       [files]          bytes in, bytes out
-       [inflate]        decompression (RFC 1950, RFC 1951)
-       [images]         EXR, PFM and PNG files; photos
-       [meshes]         OBJ and PLY files
-       [weights]        files of networks
-       [scenefile]      scenes as text files
+       [api-base] [api-mesh] [api-scene] [api-render] [api-net] [api-refine] [api-io]
+     Part II, the reference path tracer with all it needs: read from top to bottom, theory first
+       numbers and rays   [base] [lanes] [triangle] [bvh]
+       models             [fields] [medium] [surface] [light]
+       the walk           [scene] [place] [throughput] [path]
+     Part III, all else
+       making scenes      [means] [mesh] [maker] [objects]
+       the fast walk      [sobol] [voxels] [fast] [value] [flights] [walk] [surfaces]
+       pictures           [picture] [render] [gradients]
+       networks           [layers] [net]
+       searches           [refine] [normal] [search] [estimates]
+       files              [files] [inflate] [images] [meshes] [weights] [scenefile]
+     history, references, licence
 
    [switches] to be defined before the header is included in the file with ITN_IMPLEMENTATION
      ITN_IMPLEMENTATION   makes this file hold the code; in one file of a program

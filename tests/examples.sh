@@ -157,7 +157,7 @@ check "invert --method adam" ./invert default.itn --method adam --params milk.al
 
 # photos: PNGs of three times the film's size, in units of their own, as a camera codes them; found all
 # the same, with a start that is off, and refused where the scene is another
-cat > examples/develop.c << 'END'
+cat > develop.c << 'END'
 #include "itn.h"
 #include <stdlib.h>
 /* develop FROM.exr TO.png BACKDROP: what is black is the backdrop */

@@ -361,12 +361,11 @@ check "one version" one_version itn.h
 sed '1s/version [0-9]*/version 99/' itn.h >aged.h
 catches "another version in the first line" one_version aged.h
 
-# tags and titles of the contents list and of the section banners, in order
+# tags of the contents list and of the section banners, in order
 listed() {
-    sed -n '/\[contents\]/,/\[switches\]/p' "$1" |
-        sed -n 's|^       \(\[[a-z][a-z0-9-]*\]\)  *|\1 |p'
+    sed -n '/\[contents\]/,/\[switches\]/p' "$1" | grep '^       ' | grep -o '\[[a-z][a-z0-9-]*\]'
 }
-banners() { sed -n 's|^/\* ---- \(\[[a-z][a-z0-9-]*\] .*[^-]\) -* \*/$|\1|p' "$1"; }
+banners() { sed -n 's|^/\* ---- \(\[[a-z][a-z0-9-]*\]\) .*[^-] -* \*/$|\1|p' "$1"; }
 same_tags() {
     listed "$1" >tags-listed
     banners "$1" >tags-found
@@ -374,7 +373,7 @@ same_tags() {
     diff tags-listed tags-found
 }
 check "contents list and sections differ" same_tags itn.h
-repeated() { banners itn.h | sed 's/].*//' | sort | uniq -d >twice; cat twice; [ ! -s twice ]; }
+repeated() { banners itn.h | sort | uniq -d >twice; cat twice; [ ! -s twice ]; }
 check "section tag twice" repeated
 sed 's|^/\* ---- \[net\]|/* ---- [network]|' itn.h >renamed.h
 catches "a renamed section" same_tags renamed.h
