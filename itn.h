@@ -718,6 +718,8 @@ typedef enum itn_method {
 /* Where a search stands, for the progress callback; what is pointed to is valid during the call. */
 typedef struct itn_refine_step {
     int iteration;        /* counts up from 0; the first ones look at reduced pictures */
+    double fraction;      /* of an evaluation that is under way, in [0, 1): all else is of the one
+                             before, but for where it is (theta, values); 1: it is done */
     double misfit;        /* in units of noise, 1 where the scene explains the pictures; 0: unknown,
                              as with ADAM and SGD */
     double misfit_error;  /* its standard error, by the noise of the renders */
@@ -733,7 +735,7 @@ typedef struct itn_refine_outcome {
     double misfit; /* the mean of (I - T)^2 over what noise of picture and renders explains; where
                       the picture's is not known, it is what neighbouring pixels do not share */
     double misfit_error; /* its standard error */
-    int explained; /* 0: the misfit is clearly above 1 (1.2 and three errors): the scene is not that
+    int explained; /* 0: the misfit is clearly above 1 (1.2 and two errors): the scene is not that
                       of the picture, or the search ended in a wrong valley */
     int finished;  /* 0: iterations or time ran out, or the caller ended it */
     double seconds;
@@ -9729,21 +9731,15 @@ ITN_API itn_result itn_net_step(itn_net *net, double rate, itn_error *error) {
 
    Coordinates are logarithms and logits, where bounds are out of reach. Pictures of a dense medium
    hardly change while sigma_t albedo (1 - g) and sigma_t (1 - albedo) stay (similarity relations,
-   Wyman, Patterson and Wilson 1989): the loss has a long, curved valley. Where sigma_t and g of a
-   medium are both unknown, coordinates that lie along it are therefore
-       u = ln sigma_t + ln(1 - g) + mean of ln albedo,    v = logit(albedo) + ln(1 - g),
-   one v for each unknown albedo (u has only those), and g's own. */
+   Wyman, Patterson and Wilson 1989): the loss has a long, curved valley. Where g of a medium is
+   unknown, coordinates that lie along it are therefore
+       u = ln sigma_t + ln(1 - g),    v = logit(albedo) + ln(1 - g),    and g's own. */
 
 enum { ITN__MOST_UNKNOWNS = 256, ITN__BROAD = 9, ITN__NARROW = 3 /* passes of a blur */ };
 #define ITN__NARROW_OWN .0976563 /* of a pixel's blurred value, (C(6, 3) / 2^6)^2 */
 #define ITN__BROAD_SQUARES .0174404 /* the sum of squared weights, (C(36, 18) / 2^36)^2 */
 #define ITN__PRIOR 8. /* standard deviation of a coordinate of which nothing is known */
 #define ITN__HARDLY .5 /* the error of one that is not determined */
-
-/* The unknowns of a medium that has similarity coordinates, as indices among all unknowns. */
-typedef struct itn__similarity {
-    int sigma_t, g, albedos, albedo[3]; /* how many albedos (0 to 3) and which */
-} itn__similarity;
 
 /* A view as the search sees it. */
 typedef struct itn__refine_view {
@@ -9764,6 +9760,7 @@ typedef struct itn__refine_view {
     float *blurred[2];      /* [count][pixels] K J of a and b */
     float *score;           /* [count][plane] */
     float *residual[2];     /* [pixels] of a and b, times scale */
+    float *spare;           /* [pixels] */
     double nugget;          /* the target's variance, where that is not known */
 } itn__refine_view;
 
@@ -9772,7 +9769,7 @@ typedef struct itn__misfit {
     double excess, noise; /* sum of r_a r_b - the target's variance; its variance by renders */
     double value, error, spread; /* in units of noise, 1 where the scene explains the pictures; by
                                     the noise of renders alone, and by that over all pixels */
-    double loss, felt; /* mean square difference; how many values depend on any unknown */
+    double loss; /* mean square difference */
 } itn__misfit;
 
 typedef struct itn__refiner {
@@ -9781,87 +9778,73 @@ typedef struct itn__refiner {
     itn_refine_options options;
     const itn_context *context; /* of the first scene */
     const itn_parameter *parameters[ITN__MOST_UNKNOWNS]; /* in the first view that has it */
-    itn__similarity media[ITN__MOST_UNKNOWNS / 2];
-    int media_count;
+    int g[ITN__MOST_UNKNOWNS]; /* which unknown is the g of a sigma_t or an albedo; or -1 */
     int block;             /* pixels are means of block x block */
     int spp, known, final; /* samples of a pixel of each render: of the last one, all that count,
                               and wanted */
-    int iteration, arrived; /* reported so far; whether all that is seen is noise */
-    int ended;             /* 1: by the clock, 2: by the caller */
+    int arrived;           /* whether all that is seen is noise */
+    int ended;             /* why (see [search]), or 0 */
+    int coarse, part;      /* whether it looks at reduced pictures; which render is under way */
     uint64_t renders;
-    double begun, deadline, work; /* seconds; samples so far */
+    double begun, deadline; /* seconds */
+    double since, work;     /* when these pictures were first looked at; samples since then */
+    double rendering;       /* when the evaluation began */
+    itn_refine_step shown;  /* to the caller */
     float values[ITN__MOST_UNKNOWNS];
     double coordinates[ITN__MOST_UNKNOWNS], before[ITN__MOST_UNKNOWNS]; /* of the point before */
     double step[ITN__MOST_UNKNOWNS], errors[ITN__MOST_UNKNOWNS]; /* of the coordinates */
-    double right[ITN__MOST_UNKNOWNS]; /* b */
+    double value_errors[ITN__MOST_UNKNOWNS];
     double told[ITN__MOST_UNKNOWNS], doubt[ITN__MOST_UNKNOWNS]; /* along an axis: lambda, sqrt(S) */
-    double *turn;        /* [count][count], all of these: G = d value / d coordinate; */
-    double *matrix;      /* A, whose eigenvectors are the columns */
-    double *axes;        /* of this; */
-    double *noise;       /* N, covariance of b; */
-    double *covariance;  /* of the coordinates */
-    double drawn;        /* share of the renders in what is not known */
+    double right[ITN__MOST_UNKNOWNS]; /* along it, b */
+    double *turn;       /* [count][count], all of these: G = d value / d coordinate; */
+    double *matrix;     /* A, and room for others; */
+    double *axes;       /* its eigenvectors are the columns; */
+    double *noise;      /* N, covariance of b, along these; */
+    double *covariance; /* of the coordinates */
+    double drawn;       /* share of the renders in what is not known */
     itn__misfit misfit;
 } itn__refiner;
 
-/* Turns transformed coordinates into similarity coordinates (direction 1) or back (-1). */
-static void itn__similarity_turn(const itn__refiner *refiner, double *coordinates, int direction) {
-    const itn__similarity *m = refiner->media, *end = m + refiner->media_count;
-    int i;
-    for (; m < end; m++) {
-        const itn_parameter *g = refiner->parameters[m->g];
-        double shift = log(1 - itn_parameter_from_coordinate(g, coordinates[m->g])), albedos = 0;
-        for (i = 0; i < m->albedos; i++) {
-            double *c = &coordinates[m->albedo[i]], turned = *c + direction * shift;
-            const itn_parameter *p = refiner->parameters[m->albedo[i]];
-            double albedo = itn_parameter_from_coordinate(p, direction > 0 ? *c : turned);
-            albedos += log(fmax(albedo, 1e-7)) / m->albedos, *c = turned;
-        }
-        coordinates[m->sigma_t] += direction * (shift + albedos);
-    }
+/* Turns transformed coordinates into those along the valley (direction 1) or back (-1). */
+static void itn__along_valley(const itn__refiner *refiner, double *coordinates, int direction) {
+    int k, g;
+    for (k = 0; k < refiner->count; k++)
+        if ((g = refiner->g[k]) >= 0)
+            coordinates[k] += direction * log(1 - itn_parameter_from_coordinate(
+                                                      refiner->parameters[g], coordinates[g]));
 }
 
 /* The values at these coordinates, which become transformed ones. */
 static void itn__refine_values(const itn__refiner *refiner, double *coordinates, double *values) {
     int k;
-    itn__similarity_turn(refiner, coordinates, -1);
+    itn__along_valley(refiner, coordinates, -1);
     for (k = 0; k < refiner->count; k++) {
         const itn_parameter *p = refiner->parameters[k];
         values[k] = fmax(itn_parameter_from_coordinate(p, coordinates[k]), itn__least_sought(p));
     }
 }
 
-/* G by central differences. */
-static void itn__refine_turn(const itn__refiner *refiner) {
-    double moved[ITN__MOST_UNKNOWNS], values[ITN__MOST_UNKNOWNS], h;
-    int n = refiner->count, k, l;
-    memset(refiner->turn, 0, (size_t)(n * n) * sizeof(double));
-    for (k = 0; k < n; k++)
-        for (h = -1e-4; h < 2e-4; h += 2e-4) {
-            memcpy(moved, refiner->coordinates, (size_t)n * sizeof(double));
-            moved[k] += h;
-            itn__refine_values(refiner, moved, values);
-            for (l = 0; l < n; l++) refiner->turn[l * n + k] += values[l] / (2 * h);
-        }
-}
-
-/* Sets the unknowns, in all views, from coordinates; what would lie beyond its bounds is held on
-   them. */
+/* Sets the unknowns, in all views, from coordinates, and G; what would lie beyond its bounds is
+   held on them. */
 static void itn__refine_set(itn__refiner *refiner, const double *coordinates) {
-    double plain[ITN__MOST_UNKNOWNS], values[ITN__MOST_UNKNOWNS];
+    double plain[ITN__MOST_UNKNOWNS], values[ITN__MOST_UNKNOWNS], slopes[ITN__MOST_UNKNOWNS];
     itn__refine_view *view;
-    int n = refiner->count, held = 0, k;
+    int n = refiner->count, held = 0, k, g;
     size_t size = (size_t)n * sizeof(double);
     memcpy(plain, coordinates, size), memcpy(refiner->coordinates, coordinates, size);
+    memset(refiner->turn, 0, (size_t)n * size);
     itn__refine_values(refiner, plain, values);
     for (k = 0; k < n; k++) {
         const itn_parameter *p = refiner->parameters[k];
         double within = itn_parameter_to_coordinate(p, values[k]);
         if (fabs(within - plain[k]) > 1e-6 * fmax(fabs(within), 1)) plain[k] = within, held = 1;
         refiner->values[k] = itn__clamp((float)values[k], p->lower, p->upper);
+        slopes[k] = refiner->turn[k * (n + 1)] = itn_parameter_slope(p, values[k]);
     }
-    if (held) itn__similarity_turn(refiner, plain, 1), memcpy(refiner->coordinates, plain, size);
-    itn__refine_turn(refiner);
+    for (k = 0; k < n; k++)
+        if ((g = refiner->g[k]) >= 0)
+            refiner->turn[k * n + g] = slopes[k] * slopes[g] / fmax(1 - values[g], 1e-7);
+    if (held) itn__along_valley(refiner, plain, 1), memcpy(refiner->coordinates, plain, size);
     for (view = refiner->views; view < refiner->views + refiner->view_count; view++)
         for (k = 0; k < view->asked; k++)
             view->theta[view->parameters[k]] = refiner->values[view->unknowns[k]];
@@ -9882,8 +9865,7 @@ static void itn__blur_line(float *line, size_t stride, int n, int passes) {
 }
 
 /* The same of planes, both ways. */
-static void itn__blur(const itn__refine_view *view, float *pixels, size_t count,
-                      int passes) {
+static void itn__blur(const itn__refine_view *view, float *pixels, size_t count, int passes) {
     size_t width = (size_t)view->width, first;
     int k;
     for (first = 0; first < count; first += view->plane) {
@@ -9892,6 +9874,15 @@ static void itn__blur(const itn__refine_view *view, float *pixels, size_t count,
         for (k = 0; k < view->width; k++)
             itn__blur_line(pixels + first + k, width, view->height, passes);
     }
+}
+
+/* Means of the pixels around each. */
+static void itn__around(const itn__refine_view *view, const float *in, float *out) {
+    const float own = (float)ITN__NARROW_OWN;
+    size_t i;
+    memcpy(out, in, view->pixels * sizeof(float));
+    itn__blur(view, out, view->pixels, ITN__NARROW);
+    for (i = 0; i < view->pixels; i++) out[i] = (out[i] - own * in[i]) / (1 - own);
 }
 
 /* Replaces planes of a film by the means of its blocks, with nothing between; a block of which one
@@ -9937,35 +9928,27 @@ static int itn__counts(const itn__refine_view *view, size_t i) {
     return view->target_variance[i] < INFINITY;
 }
 
-/* Blurred, but for the pixel's own. */
-static void itn__around(const itn__refine_view *view, const float *in, float *out) {
-    const float own = (float)ITN__NARROW_OWN;
-    size_t i;
-    memcpy(out, in, view->pixels * sizeof(float));
-    itn__blur(view, out, view->pixels, ITN__NARROW);
-    for (i = 0; i < view->pixels; i++) out[i] = itn__max((out[i] - own * in[i]) / (1 - own), 0);
-}
-
 /* Residuals and derivatives are divided by the standard deviation of the residual as it will be
    when all samples are there: of renders and target, as those around a pixel have it, because its
    own would favour what is dark by chance. Where the target's is not known, it is the same in all
    pixels. A floor, a thousandth of the mean, bounds the weight of pixels without noise. */
 static void itn__refine_weigh(const itn__refiner *refiner, itn__refine_view *view) {
     double sum = 0, square = 0, counted = 0, least;
-    float *scale = view->scale, *own = view->residual[0]; /* not needed yet */
-    float samples = itn__max((float)refiner->known, (float)refiner->final);
-    size_t pixels = view->pixels, i;
-    for (i = 0; i < pixels; i++) own[i] = itn__sample_variance(view, view->known, i);
-    itn__around(view, own, scale);
-    for (i = 0; i < pixels; i++) {
-        scale[i] = scale[i] / (2 * samples) + (float)view->nugget;
+    float *scale = view->scale, samples = (float)(refiner->known > refiner->final
+                                                      ? refiner->known : refiner->final);
+    size_t i;
+    for (i = 0; i < view->pixels; i++)
+        view->spare[i] = itn__sample_variance(view, view->known, i);
+    itn__around(view, view->spare, scale);
+    for (i = 0; i < view->pixels; i++) {
+        scale[i] = itn__max(scale[i], 0) / (2 * samples) + (float)view->nugget;
         if (!itn__counts(view, i)) continue;
         scale[i] += view->target_variance[i];
         sum += scale[i], square += (double)view->target[i] * view->target[i], counted++;
     }
     least = (1e-3 * sum + 1e-12 * square) / counted;
     if (!(least > 0)) least = 1; /* a black picture of a black scene */
-    for (i = 0; i < pixels; i++)
+    for (i = 0; i < view->pixels; i++)
         scale[i] = itn__counts(view, i) ? (float)(1 / sqrt(scale[i] + least)) : 0;
 }
 
@@ -9989,7 +9972,11 @@ static void itn__refine_weigh(const itn__refiner *refiner, itn__refine_view *vie
    A change at distance d is not excluded at three standard deviations if
        (lambda d)^2 <= 9 (c^T N c + S d^2),   that is   d <= 3 sqrt(c^T N c / (lambda^2 - 9 S))
    (Fieller 1954). A third of that is the standard error; where lambda is less than three of its own
-   standard deviations, no change is excluded, and the prior is all there is. */
+   standard deviations, no change is excluded, and the prior is all there is.
+
+   The misfit compares r_a r_b with the noise. Where the picture's is not known, noise is what
+   neighbours do not share (the nugget of a variogram), and the misfit is that of a picture slightly
+   blurred, in which noise is a tenth and what neighbours share stays. */
 
 #define ITN__CERTAIN 3.
 
@@ -10009,65 +9996,52 @@ static int itn__depends(const itn__refiner *refiner, const itn__refine_view *vie
     return 0;
 }
 
-/* Residuals of renders, over their deviation. */
-static void itn__residuals(itn__refine_view *view, float *const *renders) {
-    size_t i;
-    for (i = 0; i < view->pixels; i++) {
-        view->residual[0][i] = (view->target[i] - renders[0][i]) * view->scale[i];
-        view->residual[1][i] = (view->target[i] - renders[1][i]) * view->scale[i];
-    }
-}
-
-/* The mean product of a value's residual with those of its neighbours, to the right and below. */
-static double itn__shared(const itn__refine_view *view, size_t at) {
-    size_t width = (size_t)view->width, pixel = at % view->plane;
-    int right = (pixel + 1) % width != 0 && view->scale[at + 1] > 0;
-    int below = pixel + width < view->plane && view->scale[at + width] > 0;
-    const float *r = view->residual[1] + at;
-    float sum = (right ? r[1] : 0) + (below ? r[width] : 0);
-    return (double)view->residual[0][at] * sum / (right && below ? 2 : 1);
-}
-
-/* The misfit of renders, all channels of a pixel together. Noise that is not known is seen in what
-   neighbours do not share (the nugget of a variogram): there the misfit is what they share, over
-   that noise, whose own error is not counted. */
+/* The misfit of renders, all channels of a pixel together; leaves the residuals of them, over their
+   deviation. */
 static void itn__misfit_of(itn__refiner *refiner, int fresh, itn__misfit *misfit) {
     itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
-    double excess = 0, square = 0, noise = 0, squares = 0, counted = 0;
+    double excess = 0, square = 0, noise = 0, squares = 0, counted = 0, all = 0;
     memset(misfit, 0, sizeof *misfit);
     for (; view < end; view++) {
-        float *const *renders = fresh ? view->fresh : view->known;
-        double samples = fresh ? refiner->spp : refiner->known;
+        float *const *renders = fresh ? view->fresh : view->known, *r[2];
         double own = 0, shared = 0, felt = 0, drawn = 0, beyond = 0, weights = 0, unit = 1;
-        int unknown = view->noise_unknown;
         size_t pixel, at;
-        itn__residuals(view, renders);
+        r[0] = view->residual[0], r[1] = view->residual[1];
+        for (at = 0; at < view->pixels; at++) {
+            r[0][at] = (view->target[at] - renders[0][at]) * view->scale[at];
+            r[1][at] = (view->target[at] - renders[1][at]) * view->scale[at];
+        }
+        if (view->noise_unknown) itn__around(view, r[0], view->spare);
         for (pixel = 0; pixel < view->plane; pixel++) {
             double together = 0, common = 0, deviation = 0;
             for (at = pixel; at < view->pixels; at += view->plane) {
                 double w = (double)view->scale[at] * view->scale[at], v;
-                double ra = view->residual[0][at], rb = view->residual[1][at];
+                double ra = (double)r[0][at], rb = (double)r[1][at];
                 if (!(w > 0)) continue;
                 squares += ra * rb / w, counted++;
                 if (!itn__depends(refiner, view, at)) continue;
-                v = w * itn__sample_variance(view, renders, at) / samples;
+                v = w * itn__sample_variance(view, renders, at) /
+                    (fresh ? refiner->spp : refiner->known);
                 together += ra * rb - w * view->target_variance[at];
                 deviation += sqrt(fmax(v * (ra * ra + rb * rb - v), 0));
-                common += unknown ? itn__shared(view, at) : 0, felt++, weights += w;
+                common += view->noise_unknown ? rb * (double)view->spare[at] : 0;
+                felt++, weights += w;
             }
-            if (!unknown) common = together;
             own += together, drawn += deviation * deviation, shared += common;
+            if (!view->noise_unknown) common = together;
             beyond += common * common;
         }
-        if (unknown && felt > 0) unit = fmax(1 + (own - shared) / felt, .1);
-        if (unknown && felt > 0 && !fresh) view->nugget = fmax((own - shared) / weights, 0);
-        misfit->excess += own, misfit->noise += drawn, misfit->felt += felt;
-        excess += shared / unit, noise += drawn / (unit * unit), square += beyond / (unit * unit);
+        misfit->excess += own, misfit->noise += drawn, all += felt;
+        if (view->noise_unknown && felt > 0) { /* each pair of pixels is in `shared` twice */
+            double blur = (1 - ITN__NARROW_OWN) / ITN__NARROW_OWN;
+            unit = fmax(1 + (own - shared - view->nugget * weights) / felt, .1) / blur;
+            if (!fresh) view->nugget = fmax((own - shared) / weights, 0);
+            own = shared, beyond *= 2, drawn = beyond;
+        }
+        excess += own / unit, noise += drawn / (unit * unit), square += beyond / (unit * unit);
     }
-    misfit->loss = squares / fmax(counted, 1), misfit->value = 1;
-    if (!(misfit->felt > 0)) return;
-    misfit->value += excess / misfit->felt, misfit->spread = sqrt(square) / misfit->felt;
-    misfit->error = sqrt(noise) / misfit->felt;
+    misfit->loss = squares / fmax(counted, 1), misfit->value = 1 + excess / fmax(all, 1);
+    misfit->spread = sqrt(square) / fmax(all, 1), misfit->error = sqrt(noise) / fmax(all, 1);
 }
 
 /* K J of a view, over the deviation of residuals; 0 where that does not count. */
@@ -10084,7 +10058,6 @@ static void itn__blur_slopes(const itn__refiner *refiner, itn__refine_view *view
 static void itn__normal_add(itn__refiner *refiner, itn__refine_view *view, double *drawn) {
     size_t pixels = view->pixels, plane = view->plane, i;
     int n = refiner->count, k, half;
-    itn__residuals(view, view->known);
     itn__blur_slopes(refiner, view, 0), itn__blur_slopes(refiner, view, 1);
     for (k = 0; k < 2 * n * n; k++) {
         int one = k / 2 / n, other = k / 2 % n;
@@ -10103,7 +10076,7 @@ static void itn__normal_add(itn__refiner *refiner, itn__refine_view *view, doubl
             view->score[i / pixels * plane + at % plane] += .5f * (half ? a - b : a + b);
         }
         for (i = 0; i < (size_t)n * plane && !half; i++)
-            refiner->right[i / plane] += (double)view->score[i];
+            refiner->step[i / plane] += (double)view->score[i];
         for (k = 0; k < n * n; k++)
             noise[k] += itn__product(view->score + (size_t)(k / n) * plane,
                                      view->score + (size_t)(k % n) * plane, NULL, plane);
@@ -10115,22 +10088,19 @@ static double itn__direction_noise(const itn__refiner *refiner, const double *c,
     const itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
     double crossed = 0, squares = 0;
     for (; view < end; view++) {
-        const float *slopes[2];
         size_t pixel, at;
-        slopes[0] = view->known[0] + 2 * view->pixels;
-        slopes[1] = view->known[1] + 2 * view->pixels;
         for (pixel = 0; pixel < view->plane; pixel++) {
             double of_a = 0, of_b = 0, alone = 0;
             for (at = pixel; at < view->pixels; at += view->plane) {
                 double apart = 0, a = 0, b = 0;
-                size_t i = at;
+                size_t i = at, slope = at + 2 * view->pixels;
                 int k;
-                for (k = 0; k < refiner->count; k++, i += view->pixels) {
-                    apart += c[k * stride] * (slopes[0][i] - slopes[1][i]);
+                for (k = 0; k < refiner->count; k++, i += view->pixels, slope += view->pixels) {
+                    apart += .5 * c[k * stride] * (view->known[0][slope] - view->known[1][slope]);
                     a += c[k * stride] * view->blurred[0][i];
                     b += c[k * stride] * view->blurred[1][i];
                 }
-                apart *= .5 * view->scale[at];
+                apart *= (double)view->scale[at];
                 of_a += apart * a, of_b += apart * b, alone += apart * apart;
             }
             crossed += of_a * of_b, squares += alone * alone / 3; /* E D^4 = 3 V^2 */
@@ -10139,29 +10109,42 @@ static double itn__direction_noise(const itn__refiner *refiner, const double *c,
     return 4 * (fmax(crossed, 0) + ITN__BROAD_SQUARES * squares);
 }
 
+/* Turns two rows or columns, whose elements are `stride` apart. */
+static void itn__rotate(double *x, double *y, int stride, int n, double c, double s) {
+    for (; n > 0; n--, x += stride, y += stride) {
+        double kept = *x;
+        *x = c * kept - s * *y, *y = s * kept + c * *y;
+    }
+}
+
 /* Eigenvalues of a symmetric matrix, which end on its diagonal, and eigenvectors, the columns of v:
    Jacobi's rotations, each of which makes one pair of elements zero. */
 static void itn__eigen(double *a, double *v, int n) {
-    int sweep, i, j, k;
+    int sweep, i, j;
     for (i = 0; i < n * n; i++) v[i] = i / n == i % n;
     for (sweep = 0; sweep < 60; sweep++)
         for (i = 0; i < n; i++)
             for (j = i + 1; j < n; j++) {
-                double off = a[i * n + j], half = .5 * (a[j * n + j] - a[i * n + i]), t, c, s;
+                double off = a[i * n + j], half = .5 * (a[j * n + j] - a[i * n + i]), t, c;
                 if (fabs(off) <= 1e-15 * sqrt(fabs(a[i * n + i] * a[j * n + j]))) continue;
-                t = (half < 0 ? -1 : 1) * fabs(off) / (fabs(half) + hypot(half, off));
-                if (off < 0) t = -t;
-                c = 1 / sqrt(1 + t * t), s = t * c;
-                for (k = 0; k < n; k++) {
-                    double x = a[k * n + i], y = a[k * n + j];
-                    a[k * n + i] = c * x - s * y, a[k * n + j] = s * x + c * y;
-                }
-                for (k = 0; k < n; k++) {
-                    double x = a[i * n + k], y = a[j * n + k], p = v[k * n + i], q = v[k * n + j];
-                    a[i * n + k] = c * x - s * y, a[j * n + k] = s * x + c * y;
-                    v[k * n + i] = c * p - s * q, v[k * n + j] = s * p + c * q;
-                }
+                t = off / (half + (half < 0 ? -1 : 1) * hypot(half, off)), c = 1 / hypot(1, t);
+                itn__rotate(a + i, a + j, n, n, c, t * c);
+                itn__rotate(a + i * n, a + j * n, 1, n, c, t * c);
+                itn__rotate(v + i, v + j, n, n, c, t * c);
             }
+}
+
+/* out = L M L^T; the elements of L are `row` and `column` apart. */
+static void itn__sandwich(const double *l, int row, int column, const double *m, int n,
+                          double *out) {
+    double product[ITN__MOST_UNKNOWNS];
+    int i, j, k;
+    for (i = 0; i < n; i++) {
+        memset(product, 0, sizeof product), memset(out + i * n, 0, (size_t)n * sizeof(double));
+        for (k = 0; k < n * n; k++) product[k % n] += l[i * row + k / n * column] * m[k];
+        for (j = 0; j < n; j++)
+            for (k = 0; k < n; k++) out[i * n + j] += product[k] * l[j * row + k * column];
+    }
 }
 
 /* Whether pictures tell an axis. */
@@ -10169,90 +10152,56 @@ static int itn__tells(const itn__refiner *refiner, int axis) {
     return refiner->told[axis] > ITN__CERTAIN * refiner->doubt[axis];
 }
 
-/* c^T b of an axis. */
-static double itn__right_along(const itn__refiner *refiner, int axis) {
-    double sum = 0;
-    int k;
-    for (k = 0; k < refiner->count; k++)
-        sum += refiner->axes[k * refiner->count + axis] * refiner->right[k];
-    return sum;
-}
-
-/* c^T M c of an axis. */
-static double itn__along_axis(const itn__refiner *refiner, const double *matrix, int axis) {
-    double sum = 0;
-    int n = refiner->count, k;
-    for (k = 0; k < n * n; k++)
-        sum += refiner->axes[k / n * n + axis] * matrix[k] * refiner->axes[k % n * n + axis];
-    return sum;
-}
-
-/* Adds L M L^T to a matrix, M symmetric. */
-static void itn__sandwich(const double *l, const double *m, int n, double *sum) {
-    double row[ITN__MOST_UNKNOWNS];
-    int i, j, k;
-    for (i = 0; i < n; i++) {
-        memset(row, 0, sizeof row);
-        for (k = 0; k < n; k++)
-            for (j = 0; j < n; j++) row[j] += l[i * n + k] * m[k * n + j];
-        for (j = 0; j < n; j++)
-            for (k = 0; k < n; k++) sum[i * n + j] += row[k] * l[j * n + k];
-    }
-}
-
 /* Covariance of the coordinates: A^-1 N A^-1 along what is told, the prior along the rest. */
 static void itn__normal_covariance(itn__refiner *refiner) {
-    const double prior = ITN__PRIOR * ITN__PRIOR, *axes = refiner->axes;
-    double *out = refiner->covariance, *half = refiner->matrix; /* diagonal, not needed any more */
-    int n = refiner->count, i, j;
-    memset(out, 0, (size_t)(n * n) * sizeof *out), memset(half, 0, (size_t)(n * n) * sizeof *half);
-    for (j = 0; j < n; j++) {
+    const double prior = ITN__PRIOR * ITN__PRIOR;
+    double inverse[ITN__MOST_UNKNOWNS], *out = refiner->matrix;
+    int n = refiner->count, j, k;
+    for (j = 0; j < n; j++) { /* A^-1, made wider by its own noise */
         double doubt = ITN__CERTAIN * refiner->doubt[j] / refiner->told[j];
-        double own = prior, inverse = 0;
-        if (itn__tells(refiner, j)) { /* A^-1, made wider by its own noise */
-            inverse = 1 / ((refiner->told[j] + 1 / prior) * sqrt(1 - doubt * doubt));
-            own = inverse * inverse / prior;
-        }
-        for (i = 0; i < n * n; i++) {
-            double both = axes[i / n * n + j] * axes[i % n * n + j];
-            half[i] += inverse * both, out[i] += own * both;
-        }
+        inverse[j] = !itn__tells(refiner, j) ? 0
+                     : 1 / ((refiner->told[j] + 1 / prior) * sqrt(1 - doubt * doubt));
     }
-    itn__sandwich(half, refiner->noise, n, out);
-    for (j = 0; j < n; j++) refiner->errors[j] = sqrt(out[j * n + j]);
+    for (k = 0; k < n * n; k++) out[k] = inverse[k / n] * inverse[k % n] * refiner->noise[k];
+    for (j = 0; j < n; j++)
+        out[j * (n + 1)] += inverse[j] > 0 ? inverse[j] * inverse[j] / prior : prior;
+    itn__sandwich(refiner->axes, n, 1, out, n, refiner->covariance);
+    for (j = 0; j < n; j++) refiner->errors[j] = sqrt(refiner->covariance[j * (n + 1)]);
 }
 
 /* Makes the normal equations at the present point from what is known, and what they say: axes,
    covariance, and whether all of b is but noise. Returns 0 if numbers were too large. */
 static int itn__normal(itn__refiner *refiner) {
     itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
-    double *drawn = refiner->covariance, share = 0;
+    double *matrix = refiner->matrix, *drawn = refiner->covariance, share = 0;
     int n = refiner->count, j, k;
     size_t square = (size_t)(n * n) * sizeof(double);
-    memset(refiner->right, 0, (size_t)n * sizeof(double)), memset(refiner->matrix, 0, square);
+    memset(refiner->step, 0, sizeof refiner->step), memset(matrix, 0, square);
     memset(refiner->noise, 0, square), memset(drawn, 0, square);
-    for (; view < end; view++) {
-        itn__refine_weigh(refiner, view);
-        itn__normal_add(refiner, view, drawn);
-    }
+    for (; view < end; view++) itn__refine_weigh(refiner, view);
     itn__misfit_of(refiner, 0, &refiner->misfit);
+    for (view = refiner->views; view < end; view++) itn__normal_add(refiner, view, drawn);
     for (k = 0; k < n * n; k++)
-        if (!itn__finite(refiner->matrix[k]) || !itn__finite(refiner->noise[k])) return 0;
+        if (!itn__finite(matrix[k]) || !itn__finite(refiner->noise[k])) return 0;
     if (!itn__finite(refiner->misfit.value) || !itn__finite(refiner->misfit.loss)) return 0;
-    itn__eigen(refiner->matrix, refiner->axes, n);
-    refiner->arrived = 1;
+    itn__eigen(matrix, refiner->axes, n);
     for (j = 0; j < n; j++) {
-        double b = itn__right_along(refiner, j);
-        double noise = itn__along_axis(refiner, refiner->noise, j);
-        refiner->told[j] = refiner->matrix[j * n + j];
+        refiner->told[j] = matrix[j * (n + 1)], refiner->right[j] = 0;
         refiner->doubt[j] = sqrt(itn__direction_noise(refiner, refiner->axes + j, n));
-        if (itn__tells(refiner, j) && b * b > 6 * noise) refiner->arrived = 0;
-        if (!itn__tells(refiner, j) || !(noise > 0)) share++;
-        else
-            share += fmax(itn__along_axis(refiner, drawn, j) / noise,
-                          pow(ITN__CERTAIN * refiner->doubt[j] / refiner->told[j], 2));
+        for (k = 0; k < n; k++) refiner->right[j] += refiner->axes[k * n + j] * refiner->step[k];
     }
-    refiner->drawn = share / n; /* more samples always help what is not told */
+    itn__sandwich(refiner->axes, 1, n, refiner->noise, n, matrix);
+    memcpy(refiner->noise, matrix, square);
+    itn__sandwich(refiner->axes, 1, n, drawn, n, matrix);
+    for (j = 0, refiner->arrived = 1; j < n; j++) {
+        double noise = refiner->noise[j * (n + 1)], b = refiner->right[j];
+        int told = itn__tells(refiner, j);
+        if (told && b * b > 6 * noise) refiner->arrived = 0;
+        share += !told || !(noise > 0) ? 1 /* more samples always help what is not told */
+                 : fmax(matrix[j * (n + 1)] / noise,
+                        pow(ITN__CERTAIN * refiner->doubt[j] / refiner->told[j], 2));
+    }
+    refiner->drawn = share / n;
     itn__normal_covariance(refiner);
     return 1;
 }
@@ -10267,14 +10216,16 @@ static int itn__normal(itn__refiner *refiner) {
 
    First all of that happens in pictures of a few thousand paths, reduced to some 24 pixels across.
    If these end with more misfit than noise explains, that may be the wrong of several valleys:
-   other starts are tried there, with every g on the other side, and with g = 0 further along the
-   valley, and the best one goes on. (What lies between two valleys is about .3, not 0, as g below 0
-   is found where light goes ahead.) */
+   other starts are tried there, along the valley with other g, and the best one goes on. An
+   evaluation there that takes an eighth of all time, because it is of a medium of millions of
+   scatterings, is not made; the search goes on from a thinner one. */
 
 enum { ITN__FINAL = 5, ITN__PATIENCE = 32, ITN__COARSE = 24, ITN__COARSE_PATHS = 32768 };
 
 /* so that an int holds PATIENCE times FINAL times spp, and all walks of these camera rays */
 enum { ITN__MOST_FINAL = INT_MAX / 32, ITN__MOST_SPP = 524287 };
+
+enum { ITN__GOING_ON, ITN__NO_TIME, ITN__STOPPED, ITN__CANCELLED, ITN__TOO_SLOW };
 
 #if defined(__unix__) || defined(__APPLE__)
 #include <sys/time.h>
@@ -10292,81 +10243,103 @@ static double itn__seconds(void) {
     return (double)time(NULL);
 }
 
-/* Ends the search, within a render, when its time is over. */
-static int itn__watch_clock(void *user, double fraction) {
-    itn__refiner *refiner = (itn__refiner *)user;
-    (void)fraction;
-    if (itn__seconds() > refiner->deadline) refiner->ended = 1;
-    return refiner->ended;
-}
-
 #define ITN__REJECT(...) itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: " __VA_ARGS__)
 #define ITN__OVERFLOW "squares of the image's values are too large for a float"
 
-/* Renders all views twice at the present point. Ended by the clock it returns ITN_OK, too. */
+/* Tells the caller where the search is. Returns whether it has ended. */
+static int itn__refine_tell(itn__refiner *refiner, double fraction) {
+    itn_refine_step *shown = &refiner->shown;
+    double now = itn__seconds(), left = fmax(refiner->final - refiner->known, 0);
+    int heard = 0;
+    shown->fraction = fraction, shown->seconds = now - refiner->begun;
+    shown->expected = fmin(shown->seconds + left * (now - refiner->since) / refiner->work,
+                           refiner->options.seconds);
+    shown->theta = refiner->views->theta, shown->values = refiner->values;
+    if (refiner->options.progress)
+        heard = refiner->options.progress(refiner->options.progress_user, shown);
+    if (heard) refiner->ended = heard > 0 ? ITN__STOPPED : ITN__CANCELLED;
+    return refiner->ended;
+}
+
+/* Hears of a render, the first or second of a view. */
+static int itn__watch(void *user, double fraction) {
+    itn__refiner *refiner = (itn__refiner *)user;
+    double now = itn__seconds(), spent = now - refiner->rendering;
+    fraction = (refiner->part + fraction) / (2 * refiner->view_count);
+    if (itn__refine_tell(refiner, fmin(fraction, .999))) return 1;
+    if (now > refiner->deadline) refiner->ended = ITN__NO_TIME;
+    else if (refiner->coarse && spent > refiner->options.seconds / 32 &&
+             spent > refiner->options.seconds / 8 * fraction)
+        refiner->ended = ITN__TOO_SLOW;
+    return refiner->ended;
+}
+
+/* Renders all views twice at the present point. Returns ITN_OK where the search has ended, too. */
 static ITN__COLD itn_result itn__refine_evaluate(itn__refiner *refiner, int spp, itn_error *error) {
-    itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
-    itn_result result = ITN_OK;
-    refiner->spp = spp;
-    for (; view < end && !result; view++) {
-        itn_render_options options = ITN_ZERO;
-        int half;
-        options.spp = spp, options.max_scatter = refiner->options.max_scatter;
-        options.walks = refiner->block > 1 ? 1 : 0; /* few paths, far apart */
-        options.progress = itn__watch_clock, options.progress_user = refiner;
-        for (half = 0; half < 2 && !result; half++) {
-            itn_image image = ITN_ZERO;
-            options.seed = itn__mix64(itn__mix64(refiner->options.seed) + refiner->renders++);
-            result = itn_render(view->scene, view->theta, &options, view->parameters, view->asked,
-                                &image, error);
-            if (!result) itn__take_in(refiner, view, &image, half);
-            itn_image_free(&image);
-        }
+    itn_render_options options = ITN_ZERO;
+    int part, parts = 2 * refiner->view_count;
+    options.spp = refiner->spp = spp, options.max_scatter = refiner->options.max_scatter;
+    options.walks = refiner->block > 1 ? 1 : 0; /* few paths, far apart */
+    options.progress = itn__watch, options.progress_user = refiner;
+    refiner->rendering = itn__seconds();
+    for (part = 0; part < parts; part++) {
+        itn__refine_view *view = &refiner->views[part / 2];
+        itn_image image = ITN_ZERO;
+        itn_result result;
+        refiner->part = part;
+        options.seed = itn__mix64(itn__mix64(refiner->options.seed) + refiner->renders++);
+        result = itn_render(view->scene, view->theta, &options, view->parameters, view->asked,
+                            &image, error);
+        if (!result) itn__take_in(refiner, view, &image, part % 2);
+        itn_image_free(&image);
+        if (refiner->ended == ITN__CANCELLED)
+            return itn__fail(error, ITN_ERROR_CANCELLED, 0, "itn_refine: cancelled");
+        if (refiner->ended || result) return refiner->ended ? ITN_OK : result;
     }
-    if (result == ITN_ERROR_CANCELLED && refiner->ended) return ITN_OK;
     refiner->work += spp;
-    return result;
+    return ITN_OK;
 }
 
 /* Begins with pictures of blocks of pixels, of which nothing is known yet. */
 static void itn__focus(itn__refiner *refiner, int block) {
     itn__refine_view *view, *end = refiner->views + refiner->view_count;
     refiner->block = block, refiner->known = 0;
+    refiner->work = 0, refiner->since = itn__seconds();
     for (view = refiner->views; view < end; view++) {
         const itn_film_desc *film = &view->scene->film;
-        size_t all = (size_t)film->width * (size_t)film->height * (size_t)film->channels, i;
+        size_t channels = (size_t)film->channels, i;
         const float *variance = view->given->target_variance;
         double sum = 0, counted = 0;
-        for (i = 0; i < all; i++) {
+        for (i = 0; i < (size_t)film->width * (size_t)film->height * channels; i++) {
             int counts = !variance || variance[i] < INFINITY;
             view->target[i] = counts ? view->given->target[i] : 0;
             view->target_variance[i] = variance ? variance[i] / (float)(block * block) : 0;
         }
         view->width = film->width / block, view->height = film->height / block;
         view->plane = (size_t)view->width * (size_t)view->height;
-        view->pixels = view->plane * (size_t)film->channels;
-        itn__reduce(refiner, view, view->target, (size_t)film->channels);
-        itn__reduce(refiner, view, view->target_variance, (size_t)film->channels);
+        view->pixels = view->plane * channels;
+        itn__reduce(refiner, view, view->target, channels);
+        itn__reduce(refiner, view, view->target_variance, channels);
         for (i = 0; i < view->pixels; i++)
             if (itn__counts(view, i)) sum += (double)view->target_variance[i], counted++;
         view->noise_unknown = !variance || (sum == 0 && counted < (double)view->pixels);
         for (i = 0; i < view->pixels; i++) /* what does not count has the mean, meanwhile */
-            view->scale[i] = itn__counts(view, i) ? view->target_variance[i]
+            view->spare[i] = itn__counts(view, i) ? view->target_variance[i]
                                                   : (float)(sum / fmax(counted, 1));
-        itn__around(view, view->scale, view->residual[0]);
+        itn__around(view, view->spare, view->scale);
         for (i = 0; i < view->pixels; i++)
-            if (itn__counts(view, i)) view->target_variance[i] = view->residual[0][i];
+            if (itn__counts(view, i)) view->target_variance[i] = itn__max(view->scale[i], 0);
     }
 }
 
 /* The step from the present point, at most `radius` long along any axis. */
 static void itn__refine_solve(itn__refiner *refiner, double radius) {
     int n = refiner->count, j, k;
-    memset(refiner->step, 0, (size_t)n * sizeof(double));
+    memset(refiner->step, 0, sizeof refiner->step);
     for (j = 0; j < n; j++) {
-        double b = itn__right_along(refiner, j), told = refiner->told[j], along;
+        double b = refiner->right[j], told = refiner->told[j], along;
         if (!itn__tells(refiner, j)) {
-            if (b * b < 4 * itn__along_axis(refiner, refiner->noise, j)) continue;
+            if (b * b < 4 * refiner->noise[j * (n + 1)]) continue;
             told = fmax(told, 0) + 1.5 * refiner->doubt[j];
         }
         along = fmax(-radius, fmin(b / (told + 1 / (ITN__PRIOR * ITN__PRIOR)), radius));
@@ -10378,15 +10351,15 @@ static void itn__refine_solve(itn__refiner *refiner, double radius) {
    derivatives. That by d makes an error of about d^2/2: if it is more than a tenth of a standard
    error, the last one replaces what is known. */
 static void itn__refine_learn(itn__refiner *refiner) {
-    int n = refiner->count, together = refiner->known > 0, known, v, k;
+    int n = refiner->count, together = refiner->known > 0, v, k;
     double d[ITN__MOST_UNKNOWNS];
     float share;
     for (k = 0; k < n; k++) {
         d[k] = refiner->coordinates[k] - refiner->before[k];
         together &= d[k] * d[k] <= .2 * refiner->errors[k];
     }
-    known = refiner->spp + (together ? refiner->known : 0);
-    share = (float)refiner->spp / (float)known, refiner->known = known;
+    refiner->known = refiner->spp + (together ? refiner->known : 0);
+    share = (float)refiner->spp / (float)refiner->known;
     for (v = 0; v < 2 * refiner->view_count; v++) {
         float *to = refiner->views[v / 2].known[v % 2];
         size_t pixels = refiner->views[v / 2].pixels, i;
@@ -10398,43 +10371,45 @@ static void itn__refine_learn(itn__refiner *refiner) {
     }
 }
 
-/* The standard errors of the values, by the covariance of the coordinates, which becomes theirs. */
-static void itn__value_errors(const itn__refiner *refiner, double *covariance, double *errors) {
+/* The standard errors of the values, by the covariance of the coordinates; theirs is in `matrix`. */
+static void itn__value_errors(itn__refiner *refiner) {
     int n = refiner->count, k;
-    memset(covariance, 0, (size_t)(n * n) * sizeof(double));
-    itn__sandwich(refiner->turn, refiner->covariance, n, covariance);
-    for (k = 0; k < n; k++) errors[k] = sqrt(fmax(covariance[k * n + k], 0));
+    itn__sandwich(refiner->turn, n, 1, refiner->covariance, n, refiner->matrix);
+    for (k = 0; k < n; k++)
+        refiner->value_errors[k] = sqrt(fmax(refiner->matrix[k * (n + 1)], 0));
 }
 
 static itn_result itn__refine_report(itn__refiner *refiner, itn_error *error) {
-    double errors[ITN__MOST_UNKNOWNS], left = fmax(refiner->final - refiner->known, 0);
-    itn_refine_step step = ITN_ZERO;
-    int heard;
-    if (!refiner->options.progress) return ITN_OK;
-    if (refiner->known) itn__value_errors(refiner, refiner->matrix, errors), step.errors = errors;
-    step.iteration = refiner->iteration++;
-    step.misfit = refiner->misfit.value, step.misfit_error = refiner->misfit.error;
-    step.loss = refiner->misfit.loss;
-    step.theta = refiner->views->theta, step.values = refiner->values;
-    step.seconds = itn__seconds() - refiner->begun;
-    step.expected = fmin(step.seconds * (1 + left / fmax(refiner->work, 1)),
-                         refiner->options.seconds);
-    heard = refiner->options.progress(refiner->options.progress_user, &step);
-    if (heard > 0) refiner->ended = 2;
-    if (heard >= 0) return ITN_OK;
-    return itn__fail(error, ITN_ERROR_CANCELLED, 0, "itn_refine: cancelled");
+    itn_refine_step *shown = &refiner->shown;
+    if (refiner->known) itn__value_errors(refiner), shown->errors = refiner->value_errors;
+    shown->misfit = refiner->misfit.value, shown->misfit_error = refiner->misfit.error;
+    shown->loss = refiner->misfit.loss;
+    if (itn__refine_tell(refiner, 1) == ITN__CANCELLED)
+        return itn__fail(error, ITN_ERROR_CANCELLED, 0, "itn_refine: cancelled");
+    shown->iteration++;
+    return ITN_OK;
 }
 
 /* How many samples the next evaluation has: as the last one, or as many as are known; not more than
    there is time for. */
 static int itn__next_spp(itn__refiner *refiner, int last) {
-    double now = itn__seconds(), spp = refiner->spp, most;
+    double now = itn__seconds(), spp = refiner->arrived ? refiner->known : refiner->spp, most;
     int wanted = refiner->final - (refiner->arrived ? refiner->known : 0);
-    if (refiner->arrived) spp = refiner->known;
     if (last || spp > wanted) spp = wanted;
-    most = (refiner->deadline - now) * refiner->work / fmax(now - refiner->begun, 1e-9);
-    if (spp > most && most < 2) refiner->ended = 1;
+    most = (refiner->deadline - now) * refiner->work / fmax(now - refiner->since, 1e-9);
+    if (spp > most && most < 2 && !refiner->ended) refiner->ended = ITN__NO_TIME;
     return (int)fmax(2, fmin(spp, most));
+}
+
+/* Goes back from a point where evaluations take too long, or to media a tenth as dense. */
+static void itn__retreat(itn__refiner *refiner) {
+    double there[ITN__MOST_UNKNOWNS];
+    int k;
+    memcpy(there, refiner->known ? refiner->before : refiner->coordinates, sizeof there);
+    for (k = 0; k < refiner->count && !refiner->known; k++)
+        there[k] -= refiner->parameters[k]->transform == ITN_LOG ? log(10.) : 0;
+    itn__refine_set(refiner, there);
+    refiner->ended = ITN__GOING_ON;
 }
 
 /* Searches with evaluations of `spp` samples at first, until it has arrived with all samples that
@@ -10445,10 +10420,13 @@ static itn_result itn__gauss_newton(itn__refiner *refiner, int spp, int most, it
     for (steps = 0; steps <= most && radius >= .01 && !refiner->ended; steps++) {
         itn__misfit *known = &refiner->misfit, now;
         itn_result result = itn__refine_evaluate(refiner, spp, error);
-        if (result || refiner->ended) return result;
-        itn__misfit_of(refiner, 1, &now);
-        back = refiner->known > 0 &&
-               now.excess - known->excess > 3 * sqrt(now.noise + known->noise);
+        int slow = refiner->ended == ITN__TOO_SLOW;
+        if (result || (refiner->ended && !slow)) return result;
+        if (slow) itn__retreat(refiner);
+        if (slow && !refiner->known) continue;
+        if (!slow) itn__misfit_of(refiner, 1, &now);
+        back = slow || (refiner->known > 0 &&
+                        now.excess - known->excess > 3 * sqrt(now.noise + known->noise));
         if (back) itn__refine_set(refiner, refiner->before), radius /= 4;
         else itn__refine_learn(refiner), radius = fmin(1, 2 * radius);
         if (!itn__normal(refiner)) return ITN__REJECT(ITN__OVERFLOW);
@@ -10481,30 +10459,24 @@ static int itn__coarse_block(const itn__refiner *refiner) {
     return 1;
 }
 
-/* A start of the search, in similarity coordinates: the given one (way 0), this with every unknown
-   g on the other side (1), or 0 further along the valley (2). Returns 0 if there is none. */
-static int itn__find_start(const itn__refiner *refiner, const double *given, int way,
-                           double *there) {
-    int n = refiner->count, found = way == 0, k;
-    memcpy(there, given, (size_t)n * sizeof(double));
-    if (way == 1) itn__similarity_turn(refiner, there, -1);
-    for (k = 0; k < n && way > 0; k++) {
+/* Makes of the coordinates of one start those of another. Returns 0 if there is none. */
+static int itn__find_start(const itn__refiner *refiner, double other, double *there) {
+    int found = 0, k;
+    for (k = 0; k < refiner->count; k++) {
         const itn_parameter *p = refiner->parameters[k];
-        double g = itn_parameter_from_coordinate(p, given[k]), other = 0;
-        if (p->transform != ITN_LOGIT || p->lower >= 0) continue;
-        if (way == 1) other = -g > -.3 ? fmax(-g, .5) : -g;
-        if (fabs(other - g) > .3) there[k] = itn_parameter_to_coordinate(p, other), found = 1;
+        if (p->transform != ITN_LOGIT || p->lower >= 0) continue; /* no g */
+        if (fabs(itn_parameter_from_coordinate(p, there[k]) - other) < .3) continue;
+        there[k] = itn_parameter_to_coordinate(p, other), found = 1;
     }
-    if (way == 1) itn__similarity_turn(refiner, there, 1);
     return found;
 }
 
 /* Searches in reduced pictures, from other starts, too, if there is misfit left, and leaves the
    best point. */
 static itn_result itn__refine_coarsely(itn__refiner *refiner, itn_error *error) {
+    static const double others[] = {0, .6, -.5};
     double start[ITN__MOST_UNKNOWNS], there[ITN__MOST_UNKNOWNS], best[ITN__MOST_UNKNOWNS];
     double paths = 0;
-    size_t bytes = (size_t)refiner->count * sizeof(double);
     int wanted = refiner->final, block = itn__coarse_block(refiner), anew = block > 1, way, spp;
     itn__misfit least = ITN_ZERO, *now = &refiner->misfit;
     itn_result result = ITN_OK;
@@ -10513,20 +10485,23 @@ static itn_result itn__refine_coarsely(itn__refiner *refiner, itn_error *error) 
         paths += (double)film->width * film->height;
     }
     spp = (int)fmax(2, fmin(refiner->options.spp, (double)ITN__COARSE_PATHS / paths));
-    refiner->final = 2 * spp;
-    memcpy(start, refiner->coordinates, bytes);
+    refiner->final = 2 * spp, refiner->coarse = 1;
+    memcpy(start, refiner->coordinates, sizeof start), memcpy(best, start, sizeof best);
     for (way = 0; way < 3 && !result; way++) {
-        if (way > 0 && least.value - 1 < 3 * hypot(least.spread, least.error)) break;
-        if (!itn__find_start(refiner, start, way, there)) continue;
+        if (way > 0 && least.value - 1 < 3 * least.spread) break;
+        memcpy(there, start, sizeof there);
+        if (way > 0 && !itn__find_start(refiner, others[way], there)) continue;
         anew |= way > 0;
         itn__focus(refiner, block), itn__refine_set(refiner, there);
         result = itn__gauss_newton(refiner, spp, 8, error);
-        if (refiner->ended) return result;
-        if (way > 0 && least.value - now->value < 2 * hypot(least.error, now->error)) continue;
-        memcpy(best, refiner->coordinates, bytes), least = *now;
+        if (way == 0 || least.value - now->value > 2 * hypot(least.error, now->error))
+            memcpy(best, refiner->coordinates, sizeof best), least = *now;
+        else if (refiner->ended) anew = 2; /* here is not the best */
+        if (refiner->ended) break;
     }
-    refiner->final = wanted;
-    if (anew && !result) itn__refine_set(refiner, best), itn__focus(refiner, 1);
+    refiner->final = wanted, refiner->coarse = 0;
+    if (refiner->ended && anew < 2) return result;
+    if (anew && !result) itn__refine_set(refiner, best), itn__focus(refiner, 1), *now = least;
     return result;
 }
 
@@ -10546,7 +10521,7 @@ static int itn__wants_more(const itn__refiner *refiner, int most) {
 static itn_result itn__refine_lm(itn__refiner *refiner, int patient, itn_error *error) {
     int most = refiner->final * ITN__PATIENCE;
     itn_result result = itn__refine_coarsely(refiner, error);
-    if (!result)
+    if (!result && !refiner->ended)
         result = itn__gauss_newton(refiner, refiner->options.spp, refiner->options.iterations,
                                    error);
     while (!result && patient && !refiner->ended && itn__wants_more(refiner, most)) {
@@ -10586,10 +10561,11 @@ static itn_result itn__refine_descend(itn__refiner *refiner, double square, itn_
     itn__focus(refiner, 1);
     for (i = 0;; i++) {
         double rate = refiner->options.learning_rate * pow(.1, (double)i / last);
-        int spp = i < last && !refiner->ended ? refiner->options.spp : refiner->final;
-        result = itn__refine_evaluate(refiner, spp, error);
-        if (result || refiner->ended == 1) return result;
-        if (i == last || refiner->ended) break;
+        int ends = i == last || refiner->ended;
+        refiner->ended = ITN__GOING_ON;
+        result = itn__refine_evaluate(refiner, ends ? refiner->final : refiner->options.spp, error);
+        if (result || refiner->ended) return result;
+        if (ends) break;
         refiner->misfit.loss = itn__refine_gradient(refiner, there);
         result = itn__refine_report(refiner, error);
         if (result) return result;
@@ -10635,38 +10611,25 @@ static itn_result itn__view_unknowns(itn__refiner *refiner, itn__refine_view *vi
     return view->asked ? ITN_OK : ITN__REJECT("view %d has none of the unknowns", number);
 }
 
-/* Which unknown is a parameter of a view's scene; -1 if none, or if a medium has it already. */
-static int itn__free_unknown(const itn__refine_view *view, int parameter, const char *taken) {
+/* Which unknown is a parameter of a view's scene; or -1. */
+static int itn__unknown_of(const itn__refine_view *view, int parameter) {
     int k;
     for (k = 0; k < view->asked; k++)
-        if (view->parameters[k] == parameter && !taken[view->unknowns[k]]) return view->unknowns[k];
+        if (view->parameters[k] == parameter) return view->unknowns[k];
     return -1;
 }
 
-/* Finds the media that have similarity coordinates: of which sigma_t and g are unknown, in a
-   channel or both in all. */
-static void itn__find_similarities(itn__refiner *refiner) {
-    const itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
-    char taken[ITN__MOST_UNKNOWNS] = ITN_ZERO;
-    int k, a;
-    for (; view < end; view++)
-        for (k = 0; k < 3 * view->scene->medium_count; k++) {
-            const itn__medium *medium = &view->scene->media[k / 3];
-            int spectral = itn__is_spectral(medium->g), channels = view->scene->film.channels;
-            itn__similarity found = ITN_ZERO;
-            if (k % 3 >= (spectral ? channels : 1) || spectral != itn__is_spectral(medium->sigma_t))
-                continue;
-            found.sigma_t = itn__free_unknown(view, medium->sigma_t[k % 3], taken);
-            found.g = itn__free_unknown(view, medium->g[k % 3], taken);
-            if (found.sigma_t < 0 || found.g < 0) continue;
-            taken[found.sigma_t] = taken[found.g] = 1;
-            for (a = 0; a < channels; a++) {
-                int albedo = itn__free_unknown(view, medium->albedo + a, taken);
-                if (albedo < 0 || (spectral && a != k % 3)) continue;
-                found.albedo[found.albedos++] = albedo, taken[albedo] = 1;
-            }
-            refiner->media[refiner->media_count++] = found;
-        }
+/* Finds the g of every sigma_t and albedo; of what is one in all channels, that of the last. */
+static void itn__find_valleys(itn__refiner *refiner, const itn__refine_view *view) {
+    int channels = view->scene->film.channels, m, c;
+    for (m = 0; m < view->scene->medium_count * channels; m++) {
+        const itn__medium *medium = &view->scene->media[m / channels];
+        int g = itn__unknown_of(view, medium->g[m % channels]), of[2];
+        of[0] = itn__unknown_of(view, medium->sigma_t[m % channels]);
+        of[1] = itn__unknown_of(view, medium->albedo + m % channels);
+        for (c = 0; c < 2 && g >= 0; c++)
+            if (of[c] >= 0) refiner->g[of[c]] = g;
+    }
 }
 
 /* Checks a view's picture, and finds its mean square. */
@@ -10706,17 +10669,16 @@ static itn_result itn__view_begin(itn__refiner *refiner, itn__refine_view *view,
                                   const float *values, itn_error *error) {
     const itn_film_desc *film = &view->scene->film;
     size_t plane = (size_t)film->width * (size_t)film->height, n = (size_t)refiner->count;
-    size_t pixels = plane * (size_t)film->channels;
-    size_t parameters = (size_t)view->scene->parameter_count, half;
+    size_t pixels = plane * (size_t)film->channels, half;
+    size_t parameters = (size_t)view->scene->parameter_count;
     float *block = (float *)itn__allocate(
-        &view->scene->context, parameters + n * plane + (13 + 6 * n) * pixels,
-        sizeof(float));
+        &view->scene->context, parameters + n * plane + (14 + 6 * n) * pixels, sizeof(float));
     itn_error why;
     itn_result result;
     int k;
     if (!block) return itn__out_of_memory(error, "itn_refine");
-    view->theta = itn__carve(&block, parameters);
-    view->score = itn__carve(&block, n * plane), view->scale = itn__carve(&block, pixels);
+    view->theta = itn__carve(&block, parameters), view->score = itn__carve(&block, n * plane);
+    view->scale = itn__carve(&block, pixels), view->spare = itn__carve(&block, pixels);
     view->target = itn__carve(&block, pixels);
     view->target_variance = itn__carve(&block, pixels);
     for (half = 0; half < 2; half++) {
@@ -10752,21 +10714,21 @@ static ITN__COLD itn_result itn__refine_begin(itn__refiner *refiner, const itn_v
     if (!refiner->views || !refiner->turn) return itn__out_of_memory(error, "itn_refine");
     refiner->matrix = refiner->turn + n * n, refiner->axes = refiner->matrix + n * n;
     refiner->noise = refiner->axes + n * n, refiner->covariance = refiner->noise + n * n;
-    for (v = 0, *square = 0; v < refiner->view_count && !result; v++) {
+    for (k = 0; k < refiner->count; k++) refiner->g[k] = -1;
+    for (v = 0, *square = 0; v < refiner->view_count; v++) {
         itn__refine_view *view = &refiner->views[v];
         view->given = &views[v], view->scene = views[v].scene;
         result = itn__view_check(refiner, &views[v], v, &own, error);
         if (!result) result = itn__view_begin(refiner, view, values, error);
+        if (result) return result;
+        if (refiner->options.method == ITN_METHOD_LM) itn__find_valleys(refiner, view);
         *square += own / refiner->view_count;
     }
-    for (k = 0; k < refiner->count && !result; k++) {
+    for (k = 0; k < refiner->count; k++) {
         if (!refiner->parameters[k]) return ITN__REJECT("no view has unknown %d", k);
         start[k] = itn_parameter_to_coordinate(refiner->parameters[k], values[k]);
-        refiner->covariance[(size_t)k * (n + 1)] = ITN__PRIOR * ITN__PRIOR;
     }
-    if (result) return result;
-    if (refiner->options.method == ITN_METHOD_LM) itn__find_similarities(refiner);
-    itn__similarity_turn(refiner, start, 1);
+    itn__along_valley(refiner, start, 1);
     itn__refine_set(refiner, start);
     return ITN_OK;
 }
@@ -10804,24 +10766,24 @@ static const char *itn__refine_options_fill(itn_refine_options *options) {
 static void itn__refine_estimate(itn__refiner *refiner, itn_estimate *estimates,
                                  itn_refine_outcome *outcome) {
     const itn__misfit *misfit = &refiner->misfit;
-    double errors[ITN__MOST_UNKNOWNS], *covariance = refiner->matrix;
     int n = refiner->count, k;
-    outcome->misfit = misfit->value, outcome->misfit_error = hypot(misfit->spread, misfit->error);
-    outcome->explained = refiner->known > 0 && misfit->value - 3 * outcome->misfit_error < 1.2;
+    outcome->misfit = misfit->value, outcome->misfit_error = misfit->spread;
+    outcome->explained = refiner->known > 0 && misfit->value - 2 * misfit->spread < 1.2;
     outcome->finished = refiner->arrived && !refiner->ended;
     outcome->seconds = itn__seconds() - refiner->begun;
-    for (k = 0; k < n * n && refiner->known; k++) {
-        if (!refiner->arrived)
-            refiner->covariance[k] += refiner->step[k / n] * refiner->step[k % n];
-        if (!outcome->explained) refiner->covariance[k] *= misfit->value;
+    for (k = 0; k < n * n; k++) {
+        double *c = &refiner->covariance[k];
+        if (!refiner->known) *c = k % (n + 1) ? 0 : ITN__PRIOR * ITN__PRIOR;
+        else if (!refiner->arrived) *c += refiner->step[k / n] * refiner->step[k % n];
+        if (refiner->known && !outcome->explained) *c *= misfit->value;
     }
-    itn__value_errors(refiner, covariance, errors);
+    itn__value_errors(refiner);
     memset(estimates, 0, (size_t)n * sizeof *estimates); /* padding has the same bits, too */
     for (k = 0; k < n; k++) {
-        const itn_parameter *p = refiner->parameters[k];
-        estimates[k].value = refiner->values[k], estimates[k].standard_error = errors[k];
-        estimates[k].determined =
-            errors[k] < ITN__HARDLY * itn_parameter_slope(p, estimates[k].value);
+        itn_estimate *e = &estimates[k];
+        e->value = refiner->values[k], e->standard_error = refiner->value_errors[k];
+        e->determined = e->standard_error <
+                        ITN__HARDLY * itn_parameter_slope(refiner->parameters[k], e->value);
     }
 }
 
@@ -10907,7 +10869,7 @@ typedef struct itn__wording {
     const itn_parameter *const *parameters;
     const itn_estimate *estimates;
     double powers[ITN__MOST_WORDS], covariance[ITN__MOST_WORDS * ITN__MOST_WORDS];
-    int count, group[ITN__MOST_WORDS]; /* each unknown's: the first of those in it */
+    int count;
     itn__prose prose;
 } itn__wording;
 
@@ -10919,62 +10881,52 @@ static void itn__say_error(itn__wording *words, int k) {
     else itn__say(&words->prose, "to +-%.2g", e->standard_error);
 }
 
-/* Puts into one group unknowns that stand in for each other: of a variance more than ten times that
-   which they would have if the rest were known, 1 / (covariance^-1)_kk, and correlated. */
-static void itn__find_groups(itn__wording *words) {
+/* Groups unknowns that stand in for each other: of a variance more than ten times that which they
+   would have if the rest were known, 1 / (covariance^-1)_kk, and correlated. group: of each, the
+   first of those in it. */
+static void itn__find_groups(const itn__wording *words, int *group) {
     double a[ITN__MOST_WORDS * ITN__MOST_WORDS], v[ITN__MOST_WORDS * ITN__MOST_WORDS];
     const double *c = words->covariance;
-    int n = words->count, tangled[ITN__MOST_WORDS], grown = 1, *group = words->group, i, j, k;
-    memcpy(a, c, (size_t)(n * n) * sizeof(double));
+    int n = words->count, tangled[ITN__MOST_WORDS], i, j;
+    memcpy(a, c, sizeof a);
     for (i = 0; i < n; i++) a[i * n + i] *= 1 + 1e-9;
     itn__eigen(a, v, n);
     for (i = 0; i < n; i++) {
         double inverse = 0;
         for (j = 0; j < n; j++) inverse += v[i * n + j] * v[i * n + j] / a[j * n + j];
         tangled[i] = inverse * c[i * n + i] > 10, group[i] = i;
+        for (j = i - 1; j >= 0 && tangled[i]; j--)
+            if (tangled[j] && c[i * n + j] * c[i * n + j] > .16 * c[i * n + i] * c[j * n + j])
+                group[i] = group[j];
     }
-    while (grown)
-        for (grown = k = 0; k < n * n; k++) {
-            i = k / n, j = k % n;
-            if (tangled[i] && tangled[j] && group[i] < group[j] &&
-                c[k] * c[k] > .16 * c[i * n + i] * c[j * n + j])
-                group[j] = group[i], grown = 1;
-        }
 }
 
-/* The exponents of the product of powers that is known best, the largest 1, and its error. */
-static double itn__best_product(const itn__wording *words, const int *in, int n,
-                                double *exponents) {
+/* The line of the unknowns in a group, with the product of powers that is known best, of the
+   smallest eigenvalue; the largest power is 1. */
+static void itn__say_group(itn__wording *words, const int *in, int n) {
     double a[ITN__MOST_WORDS * ITN__MOST_WORDS], v[ITN__MOST_WORDS * ITN__MOST_WORDS], most = 0;
-    int i, best = 0;
+    itn__prose *prose = &words->prose;
+    int i, best = 0, each = 1; /* whether each is determined by itself, too */
     for (i = 0; i < n * n; i++) a[i] = words->covariance[in[i / n] * words->count + in[i % n]];
     itn__eigen(a, v, n);
-    for (i = 1; i < n; i++)
-        if (a[i * n + i] < a[best * n + best]) best = i;
-    for (i = 0; i < n; i++)
-        if (fabs(v[i * n + best]) > fabs(most)) most = v[i * n + best];
-    for (i = 0; i < n; i++) exponents[i] = v[i * n + best] / most;
-    return sqrt(fmax(a[best * n + best], 0)) / fabs(most);
-}
-
-/* The line of the unknowns in a group. */
-static void itn__say_group(itn__wording *words, const int *in, int n) {
-    double exponents[ITN__MOST_WORDS], error = itn__best_product(words, in, n, exponents);
-    itn__prose *prose = &words->prose;
-    int i, each = 1; /* whether each is determined by itself, too */
     for (i = 0; i < n; i++) {
         each &= words->estimates[in[i]].determined;
+        if (a[i * n + i] < a[best * n + best]) best = i;
         itn__say(prose, "%s%s", i == 0 ? "" : i == n - 1 ? " and " : ", ",
                  words->parameters[in[i]]->name);
     }
+    for (i = 0; i < n; i++)
+        if (fabs(v[i * n + best]) > fabs(most)) most = v[i * n + best];
     itn__say(prose, each ? " are determined, best together:" : " are determined only together:");
     for (i = 0; i < n; i++) {
-        if (fabs(exponents[i]) < .005) continue;
+        double power = v[i * n + best] / most;
+        if (fabs(power) < .005) continue;
         itn__say(prose, words->powers[in[i]] < 0 ? " (1-%s)" : " %s",
                  words->parameters[in[i]]->name);
-        if (fabs(exponents[i] - 1) > .005) itn__say(prose, "^%.2f", exponents[i]);
+        if (fabs(power - 1) > .005) itn__say(prose, "^%.2f", power);
     }
-    itn__say(prose, each ? " to %.2g %%;" : " to %.2g %%, but", 100 * error);
+    itn__say(prose, each ? " to %.2g %%;" : " to %.2g %%, but",
+             100 * sqrt(fmax(a[best * n + best], 0)) / fabs(most));
     for (i = 0; i < n; i++) {
         itn__say(prose, "%s %s alone ", i ? "," : "", words->parameters[in[i]]->name);
         itn__say_error(words, in[i]);
@@ -10982,17 +10934,19 @@ static void itn__say_group(itn__wording *words, const int *in, int n) {
     itn__say(prose, "\n");
 }
 
-/* The lines of unknowns that are determined by themselves (together 0), or of groups (1). */
-static void itn__say_lines(itn__wording *words, int together) {
-    int in[ITN__MOST_WORDS], n, k, l;
-    for (k = 0; k < words->count; k++) {
+/* The lines of unknowns that are determined by themselves, then those of groups. */
+static void itn__say_lines(itn__wording *words) {
+    int group[ITN__MOST_WORDS], in[ITN__MOST_WORDS], n, k, l;
+    itn__find_groups(words, group);
+    for (k = 0; k < 2 * words->count; k++) {
+        int first = k % words->count, together = k >= words->count;
         for (l = n = 0; l < words->count; l++)
-            if (words->group[l] == k) in[n++] = l;
+            if (group[l] == first) in[n++] = l;
         if (n > 1 && together) itn__say_group(words, in, n);
         if (n != 1 || together) continue;
-        itn__say(&words->prose, "%s is %sdetermined: ", words->parameters[k]->name,
-                 words->estimates[k].determined ? "" : "hardly ");
-        itn__say_error(words, k);
+        itn__say(&words->prose, "%s is %sdetermined: ", words->parameters[first]->name,
+                 words->estimates[first].determined ? "" : "hardly ");
+        itn__say_error(words, first);
         itn__say(&words->prose, "\n");
     }
 }
@@ -11019,8 +10973,7 @@ ITN_API ITN__COLD int itn_refine_words(const itn_parameter *const *parameters, i
         if (!itn__finite(words.covariance[k])) return -1;
     }
     if (size > 0) text[0] = 0;
-    itn__find_groups(&words);
-    itn__say_lines(&words, 0), itn__say_lines(&words, 1);
+    itn__say_lines(&words);
     if (outcome && !outcome->explained)
         itn__say(&words.prose, "warning: the pictures differ from the scene %.3g times more than "
                  "noise explains (misfit %.3g): do not rely on these values. Suspect the exposure "

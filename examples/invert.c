@@ -100,7 +100,14 @@ static void interrupt(int number) { interrupted = number > 0; }
 
 static int show_step(void *user, const itn_refine_step *step) {
     history *h = (history *)user;
-    int k, row = h->rows < MOST_ROWS ? h->rows++ : MOST_ROWS - 1;
+    int k, row;
+    if (step->fraction < 1) { /* what is under way */
+        if (isatty(2))
+            fprintf(stderr, "%3.0f %%, %.0f of some %.0f s  \r", 100 * step->fraction,
+                    step->seconds, step->expected);
+        return interrupted;
+    }
+    row = h->rows < MOST_ROWS ? h->rows++ : MOST_ROWS - 1;
     if (step->misfit > 0)
         printf("%3d  misfit %.4g +- %.2g ", step->iteration, step->misfit, step->misfit_error);
     else printf("%3d  loss %.4e ", step->iteration, step->loss);

@@ -1066,6 +1066,7 @@ static int note_step(void *user, const itn_refine_step *step) {
     descent *d = (descent *)user;
     double seconds = processor_seconds() - d->began;
     int k;
+    if (step->fraction < 1) return 0;
     if (d->steps == 4096 || (d->steps && seconds > d->budget)) return -1;
     for (k = 0; k < MATERIAL; k++) d->values[d->steps][k] = step->theta[d->parameters[k]];
     d->seconds[d->steps++] = seconds;

@@ -86,7 +86,7 @@ static int count_progress(void *user, double fraction) {
 
 static int watch_refine(void *user, const itn_refine_step *step) {
     CHECK(step->theta != NULL && step->iteration >= 0);
-    ++*(int *)user;
+    *(int *)user += step->fraction == 1;
     return 0;
 }
 

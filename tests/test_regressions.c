@@ -1303,7 +1303,7 @@ typedef struct record {
 
 static int record_loss(void *user, const itn_refine_step *step) {
     record *r = (record *)user;
-    if (r->count < 8) r->losses[r->count++] = step->loss;
+    if (r->count < 8 && step->fraction == 1) r->losses[r->count++] = step->loss;
     return 0;
 }
 
