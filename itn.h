@@ -10096,11 +10096,11 @@ static double itn__direction_noise(const itn__refiner *refiner, const double *c,
                 size_t i = at, slope = at + 2 * view->pixels;
                 int k;
                 for (k = 0; k < refiner->count; k++, i += view->pixels, slope += view->pixels) {
-                    apart += .5 * c[k * stride] * (view->known[0][slope] - view->known[1][slope]);
+                    apart += c[k * stride] * (view->known[0][slope] - view->known[1][slope]);
                     a += c[k * stride] * view->blurred[0][i];
                     b += c[k * stride] * view->blurred[1][i];
                 }
-                apart *= (double)view->scale[at];
+                apart *= .5 * view->scale[at];
                 of_a += apart * a, of_b += apart * b, alone += apart * apart;
             }
             crossed += of_a * of_b, squares += alone * alone / 3; /* E D^4 = 3 V^2 */
