@@ -9735,9 +9735,9 @@ ITN_API itn_result itn_net_step(itn_net *net, double rate, itn_error *error) {
    unknown, coordinates that lie along it are therefore
        u = ln sigma_t + ln(1 - g),    v = logit(albedo) + ln(1 - g),    and g's own. */
 
-enum { ITN__MOST_UNKNOWNS = 256, ITN__BROAD = 9, ITN__NARROW = 3 /* passes of a blur */ };
+enum { ITN__MOST_UNKNOWNS = 256, ITN__BROAD = 6, ITN__NARROW = 3 /* passes of a blur */ };
 #define ITN__NARROW_OWN .0976563 /* of a pixel's blurred value, (C(6, 3) / 2^6)^2 */
-#define ITN__BROAD_SQUARES .0174404 /* the sum of squared weights, (C(36, 18) / 2^36)^2 */
+#define ITN__BROAD_SQUARES .0259793 /* the sum of squared weights, (C(24, 12) / 2^24)^2 */
 #define ITN__PRIOR 8. /* standard deviation of a coordinate of which nothing is known */
 #define ITN__HARDLY .5 /* the error of one that is not determined */
 
