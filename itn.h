@@ -10371,7 +10371,7 @@ static void itn__refine_learn(itn__refiner *refiner) {
     }
 }
 
-/* The standard errors of the values, by the covariance of the coordinates; theirs is in `matrix`. */
+/* Errors of the values, by the covariance of the coordinates; their covariance is in `matrix`. */
 static void itn__value_errors(itn__refiner *refiner) {
     int n = refiner->count, k;
     itn__sandwich(refiner->turn, n, 1, refiner->covariance, n, refiner->matrix);
