@@ -1485,10 +1485,6 @@ ITN__INLINE itn__num itn__nroot(itn__num a) {
     itn__floats v = itn__root(a.v), zero = itn__splat(0);
     return itn__num_of(v, itn__select(itn__less(zero, v), .5f * a.d / v, zero));
 }
-ITN__INLINE itn__num itn__nexp(itn__num a) {
-    itn__floats v = itn__vexp(a.v);
-    return itn__num_of(v, v * a.d);
-}
 ITN__INLINE itn__num itn__nselect(itn__ints mask, itn__num a, itn__num b) {
     return itn__num_of(itn__select(mask, a.v, b.v), itn__select(mask, a.d, b.d));
 }
@@ -1698,15 +1694,13 @@ static void itn__pack_fill(itn__pack *pack, const itn__triangle *triangles, cons
 }
 
 /* The corners of a pack as a ray sees them: sheared x and y, and their t. */
-typedef struct itn__seen {
-    float corner[3][3][ITN__PACK];
-} itn__seen;
+typedef float itn__seen[3][3][ITN__PACK];
 
 /* Those of the places `from` ... `from + ITN__LANES - 1` that the ray may hit before it has come to
    t, as bits; `seen` receives them. front, back: those of which such faces count. */
 ITN__INLINE unsigned itn__pack_view(const itn__pack *pack, int from, const itn__shear *s,
                                     float tmin, float t, unsigned front, unsigned back,
-                                    itn__seen *seen) {
+                                    itn__seen seen) {
     itn__floats p[3][3];
     unsigned bits;
     int k;
@@ -1728,7 +1722,7 @@ ITN__INLINE unsigned itn__pack_view(const itn__pack *pack, int from, const itn__
     bits &= ~itn__less_bits(itn__most(p[0][2], itn__most(p[1][2], p[2][2])), itn__splat(tmin));
     ITN__UNROLL
     for (k = 0; k < 9; k++)
-        if (bits) itn__store(seen->corner[k / 3][k % 3] + from, p[k / 3][k % 3]);
+        if (bits) itn__store(seen[k / 3][k % 3] + from, p[k / 3][k % 3]);
     return bits;
 }
 
@@ -1743,14 +1737,14 @@ static itn__triangle itn__pack_triangle(const itn__pack *pack, int place) {
 }
 
 /* Tests the triangle of a place. Rare, so kept out of the loop over packs. */
-ITN__NOINLINE int itn__place_hit(const itn__pack *pack, int place, const itn__seen *seen,
+ITN__NOINLINE int itn__place_hit(const itn__pack *pack, int place, itn__seen seen,
                                  const itn__shear *shear, float tmin, const itn__sides *sides,
                                  itn_hit *best) {
     double p[3][3], w[3], det, exact;
     int j, k, index = pack->index[place];
     float t;
     for (j = 0; j < 3; j++)
-        for (k = 0; k < 3; k++) p[j][k] = seen->corner[j][k][place];
+        for (k = 0; k < 3; k++) p[j][k] = seen[j][k][place];
     det = itn__edge_functions(p, w, &exact);
     if (fmin(w[0], fmin(w[1], w[2])) < 0 && fmax(w[0], fmax(w[1], w[2])) > 0) return 0;
     if (!(fabs(det) > 0)) return 0;
@@ -1784,10 +1778,10 @@ ITN__INLINE int itn__pack_hit(const itn__pack *pack, const itn__shear *shear, fl
         if (!(front | back)) return 0;
     }
     for (from = 0; from < ITN__PACK; from += ITN__LANES)
-        bits |= itn__pack_view(pack, from, shear, tmin, best->t, front >> from, back >> from, &seen)
+        bits |= itn__pack_view(pack, from, shear, tmin, best->t, front >> from, back >> from, seen)
                 << from;
     for (; bits; bits &= bits - 1)
-        found |= itn__place_hit(pack, itn__lowest_bit(bits), &seen, shear, tmin, sides, best);
+        found |= itn__place_hit(pack, itn__lowest_bit(bits), seen, shear, tmin, sides, best);
     return found;
 }
 
@@ -2335,7 +2329,8 @@ ITN__INLINE itn__floats itn__sample_flight(itn__floats mean_free_path, itn__floa
 }
 /* Transmittance over distances t. */
 ITN__INLINE itn__num itn__transmittance(itn__num sigma_t, itn__floats t) {
-    return itn__nexp(itn__nscale(sigma_t, -t));
+    itn__floats v = itn__vexp(-t * sigma_t.v);
+    return itn__num_of(v, -t * sigma_t.d * v);
 }
 
 ITN__INLINE itn__vectors itn__splat_vector(itn_vec3 v) {
@@ -3988,13 +3983,6 @@ static void itn__weigh_flight(itn__walk *walk, const itn__medium *medium, const 
     itn__weigh_choice(walk, &f, pdf, medium->sigma_t);
 }
 
-static int itn__alive(const itn__walk *walk) {
-    int c;
-    for (c = 0; c < itn__channels(walk); c++)
-        if (walk->weight.beta[c] > 0) return 1;
-    return 0;
-}
-
 /* Phase function of each channel for the angle from one direction to another, as a factor and as
    densities. */
 static void itn__phase_factor(const itn__walk *walk, const itn__medium *medium, itn__floats x,
@@ -4032,7 +4020,6 @@ static int itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ray
     itn__factor f;
     walk->collisions++, walk->scatterings++;
     itn__weigh_albedo(walk, medium);
-    if (!itn__alive(walk)) return 0;
     if (itn__draw_light(walk, &direction, &light_pdf)) {
         other = itn__splat_vector(direction);
         x = itn__vone_minus_cosine(d, other);
@@ -4099,7 +4086,7 @@ static int itn__choose_edge(itn__walk *walk, itn__site *site, itn__factor *f, it
     itn__weigh(walk, &walk->weight, f, ITN__LANE(pdf, 0) * chosen);
     o = itn__vto_world(o, site->frame[0], site->frame[1], site->frame[2]);
     *direction = itn__lane_vector(&o, 0), *through = 1, walk->pdf = INFINITY;
-    return ITN__LANE(good, 0) && itn__alive(walk) ? 1 : -1;
+    return ITN__LANE(good, 0) ? 1 : -1;
 }
 
 /* A surface that light feels, with normal n towards the walk: a shadow ray, then a new direction.
@@ -6985,7 +6972,7 @@ static int itn__fit_value(const itn__render *render, itn__substance *substance,
     for (i = 0; i < TERMS; i++) {
         for (j = 0; j < TERMS; j++)
             rows[i * WIDTH + j] = sums[i > j ? i * WIDTH + j : j * WIDTH + i];
-        rows[i * WIDTH + i] += ITN__RIDGE * sums[0];
+        if (i) rows[i * WIDTH + i] += ITN__RIDGE * sums[0]; /* a V that is constant stays so */
         for (c = 0; c < 3; c++) rows[i * WIDTH + TERMS + c] = sums[i * WIDTH + TERMS + c] * unit;
     }
     if (!itn__eliminate(rows, TERMS, WIDTH)) return 0;
