@@ -209,7 +209,7 @@ prints 'in units of the lights'
 awk '/^```sh$/ { on = 1; next } /^```$/ { on = 0 } on' "$root/examples/README.md" > page.sh
 check "photos: two commands" grep -q '^cc .* invert.c -o invert ' page.sh
 sed -i 1d page.sh
-ln -s ../invert examples/invert
+ln -sf ../invert examples/invert
 keep "photos: the command runs" sh -c "cd examples && sh ../page.sh"
 prints 'means of 4x4 pixels'
 check "photos: finds what is in it" awk 'BEGIN { truth["jelly.sigma_t"] = 30
