@@ -4439,7 +4439,7 @@ ITN__INLINE int itn__once_set(void **shared, void *made) {
 #define itn__once_set(shared, made) ((void)(shared), (void)(made), 0)
 #endif
 #ifndef ITN__HOOK_THREADS
-#define ITN__HOOK_THREADS 8 /* a guess */
+#define ITN__HOOK_THREADS 32 /* at most */
 #endif
 
 #ifdef ITN_THREADS
