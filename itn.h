@@ -3186,27 +3186,26 @@ ITN_API int itn_scene_tissue(const itn_scene *scene, const float *theta, const c
                              int channel, const int *parameters, int count,
                              const double *covariance, itn_tissue *tissue) {
     int m = itn__find_name(medium, scene->media, sizeof *scene->media, scene->medium_count);
-    int at[3], where[3], j, k; /* in theta; among those asked for, or -1 */
-    double x[3], slope[3][3] = {{0, 0, 0}}, variance[3] = {0, 0, 0}; /* by sigma_t, albedo, g */
+    int at[3], a, b, i, k;
+    double x[3], variance[3] = {0, 0, 0}, slopes[3][3]; /* of mu_a, mu_s, mu_s' by sigma_t ... g */
     if (m < 0 || channel < 0 || channel >= scene->film.channels) return 0;
     at[0] = scene->media[m].sigma_t[channel], at[1] = scene->media[m].albedo + channel;
     at[2] = scene->media[m].g[channel];
-    for (k = 0; k < 3; k++) {
+    for (k = 0; k < 3; k++)
         x[k] = (double)(theta ? theta[at[k]] : scene->parameters[at[k]].value);
-        for (where[k] = count - 1; where[k] >= 0 && parameters[where[k]] != at[k];) where[k]--;
+    for (k = 0; k < 3; k++) {
+        double rest = k == 2 ? 1 - x[2] : 1; /* mu_s' = mu_s (1 - g) */
+        slopes[k][0] = k ? x[1] * rest : 1 - x[1], slopes[k][1] = k ? x[0] * rest : -x[0];
+        slopes[k][2] = k == 2 ? -x[0] * x[1] : 0;
     }
-    slope[0][0] = 1 - x[1], slope[0][1] = -x[0], slope[1][0] = x[1], slope[1][1] = x[0];
-    for (k = 0; k < 2; k++) slope[2][k] = slope[1][k] * (1 - x[2]);
-    slope[2][2] = -x[0] * x[1];
-    for (j = 0; j < 27; j++) {
-        int n = j / 9, a = j / 3 % 3, b = j % 3;
-        if (where[a] >= 0 && where[b] >= 0)
-            variance[n] += slope[n][a] * slope[n][b] * covariance[where[a] * count + where[b]];
-    }
-    tissue->mu_a = x[0] * (1 - x[1]), tissue->mu_s = x[0] * x[1];
+    for (i = 0; i < count * count; i++)
+        for (a = 0; a < 3; a++)
+            for (b = 0; b < 3 && parameters[i / count] == at[a]; b++)
+                for (k = 0; k < 3 && parameters[i % count] == at[b]; k++)
+                    variance[k] += slopes[k][a] * slopes[k][b] * covariance[i];
+    tissue->mu_a = x[0] * (1 - x[1]), tissue->mu_a_error = sqrt(fmax(variance[0], 0));
+    tissue->mu_s = x[0] * x[1], tissue->mu_s_error = sqrt(fmax(variance[1], 0));
     tissue->mu_s_prime = tissue->mu_s * (1 - x[2]);
-    tissue->mu_a_error = sqrt(fmax(variance[0], 0));
-    tissue->mu_s_error = sqrt(fmax(variance[1], 0));
     tissue->mu_s_prime_error = sqrt(fmax(variance[2], 0));
     return 1;
 }
@@ -5599,9 +5598,7 @@ static void itn__place_vertex(const itn_mesh *mesh, const double m[12], int i, d
 static itn_result itn__name_object(itn__maker *maker, const itn_object_desc *in,
                                    const itn_mesh *mesh, const double m[12], itn__object *object) {
     const itn_scene *scene = maker->scene;
-    double sum = 0;
-    int k;
-    for (k = 0; k < 12; k++) sum += m[k] * 0;
+    double size = itn__determinant(m) + 0 * (m[3] + m[7] + m[11]);
     object->medium = itn__find_name(in->medium, scene->media, sizeof *scene->media,
                                     scene->medium_count);
     object->surface = itn__find_name(in->surface, scene->surfaces, sizeof *scene->surfaces,
@@ -5617,7 +5614,7 @@ static itn_result itn__name_object(itn__maker *maker, const itn_object_desc *in,
         return ITN__REFUSE("a plane needs a positive half size, and no medium");
     if (mesh->vertex_count < 1 || mesh->triangle_count < 1 || !mesh->positions || !mesh->triangles)
         return ITN__REFUSE("the mesh is empty");
-    if (sum != 0 || itn__determinant(m) == 0)
+    if (!(fabs(size) > 0 && fabs(size) <= DBL_MAX))
         return ITN__REFUSE("the transform is not finite, or flattens space");
     return in->mesh || !object->refracts
                ? ITN_OK : ITN__REFUSE_MESH("a plane has no inside for a dielectric");
@@ -5908,21 +5905,18 @@ static itn_result itn__make_arrays(itn__maker *maker) {
     return maker->result;
 }
 
-/* itn_scene_create; on failure *kind and *index tell which item is at fault (kind -1: none). */
-static ITN__COLD itn_result itn__create_scene(const itn_scene_desc *desc,
-                                              const itn_context *context, itn_result refusal,
-                                              itn_scene **made, int *kind, int *index,
-                                              itn_error *error) {
-    itn__maker all = ITN_ZERO, *maker = &all;
+/* Makes what the maker's desc says; where it fails, the maker stands at the item at fault. */
+static ITN__COLD itn_result itn__create_scene(itn__maker *maker, const itn_context *context,
+                                              itn_scene **made) {
+    const itn_scene_desc *desc = maker->desc;
     itn_context own;
     itn_scene *scene;
     int i;
-    itn_result result = itn__context_check(context, &own, error);
-    if (result) return result;
-    scene = maker->scene = ITN__NEW(itn_scene, &own, 1);
-    if (!scene) return itn__out_of_memory(error, "a scene");
-    scene->context = own, maker->desc = desc, maker->error = error, maker->refusal = refusal;
     itn__go_to(maker, -1, 0);
+    if (itn__context_check(context, &own, maker->error)) return ITN_ERROR_ARGUMENT;
+    scene = maker->scene = ITN__NEW(itn_scene, &own, 1);
+    if (!scene) return itn__out_of_memory(maker->error, "a scene");
+    scene->context = own;
     if (!itn__make_arrays(maker) && !itn__make_film(maker)) itn__make_camera(maker);
     for (i = 0; i < desc->medium_count && !maker->result; i++) itn__make_medium(maker, i);
     for (i = 0; i < desc->surface_count && !maker->result; i++) itn__make_surface(maker, i);
@@ -5933,7 +5927,6 @@ static ITN__COLD itn_result itn__create_scene(const itn_scene_desc *desc,
                                             &scene->camera) &&
         !itn__make_origin(maker) && !itn__make_tree(maker))
         itn__check_parts(maker);
-    *kind = maker->kind, *index = maker->index;
     if (maker->result) return itn_scene_free(scene), maker->result;
     itn__share_lights(scene);
     itn__make_sides(scene);
@@ -5943,10 +5936,10 @@ static ITN__COLD itn_result itn__create_scene(const itn_scene_desc *desc,
 
 ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_context *context,
                                     itn_scene **scene, itn_error *error) {
-    int kind, index;
-    if (!desc || !scene)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_scene_create: NULL argument");
-    return itn__create_scene(desc, context, ITN_ERROR_ARGUMENT, scene, &kind, &index, error);
+    itn__maker maker = ITN_ZERO;
+    maker.desc = desc, maker.error = error, maker.refusal = ITN_ERROR_ARGUMENT;
+    if (desc && scene) return itn__create_scene(&maker, context, scene);
+    return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_scene_create: NULL argument");
 }
 
 typedef struct itn__worker {
@@ -13128,8 +13121,7 @@ static void itn__read_item(itn__reader *r) {
     if (r->text.result) return;
     r->item = (char *)items[kind], r->lines[kind][index] = r->text.line, r->file = NULL;
     memset(r->given, 0, sizeof r->given);
-    if (kind == ITN__MEDIUM) itn__read_name(r, (char *)&medium->name);
-    if (kind == ITN__SURFACE) itn__read_name(r, (char *)&surface->name);
+    if (kind == ITN__MEDIUM || kind == ITN__SURFACE) itn__read_name(r, r->item); /* it is first */
     if (kind == ITN__SURFACE) surface->type = (itn_surface_type)form->type;
     for (k = 0; k < 3 && kind == ITN__OBJECT; k++) object->transform[5 * k] = 1;
     if (kind == ITN__LIGHT) light->type = (itn_light_type)form->type;
@@ -13144,10 +13136,11 @@ static void itn__read_item(itn__reader *r) {
    known afterwards. */
 static ITN__COLD itn_result itn__read_scene(itn__reader *r, itn_scene **scene) {
     itn_scene_desc *desc = &r->desc;
+    itn__maker maker = ITN_ZERO;
     itn_error error = ITN_ZERO;
     const char *fault = error.message;
     itn_result result = ITN_ERROR_FORMAT;
-    int kind = -1, index = 0, line = 0;
+    int line = 0;
     for (; r->text.at < r->text.end; itn__next_line(&r->text)) {
         const char *from = r->text.at;
         if (!itn__line_done(&r->text)) itn__read_item(r);
@@ -13158,14 +13151,15 @@ static ITN__COLD itn_result itn__read_scene(itn__reader *r, itn_scene **scene) {
     desc->surfaces = r->surfaces, desc->surface_count = r->count[ITN__SURFACE];
     desc->objects = r->objects, desc->object_count = r->count[ITN__OBJECT];
     desc->lights = r->lights, desc->light_count = r->count[ITN__LIGHT];
+    maker.desc = desc, maker.error = &error, maker.refusal = result;
     if (!r->count[ITN__CAMERA]) {
         fault = "there is no camera";
     } else if (r->colour_line && desc->film.channels != 3) {
         fault = "a colour of three numbers needs a film with channels 3", line = r->colour_line;
     } else {
-        result = itn__create_scene(desc, &r->context, result, scene, &kind, &index, &error);
+        result = itn__create_scene(&maker, &r->context, scene);
         if (!result) return ITN_OK;
-        line = kind < 0 ? 0 : r->lines[kind][index];
+        line = maker.kind < 0 ? 0 : r->lines[maker.kind][maker.index];
     }
     return itn__fail(r->text.error, result, line, "%s:%d: %s", r->text.name, line, fault);
 }
