@@ -717,7 +717,8 @@ typedef enum itn_method {
 
 /* Where a search stands, for the progress callback; what is pointed to is valid during the call. */
 typedef struct itn_refine_step {
-    int iteration;        /* counts up from 0; the first ones look at reduced pictures */
+    int iteration;        /* counts up from 0 */
+    int block;            /* LM: of so many pixels a side one is made, at first; 1: of none */
     double fraction;      /* of an evaluation that is under way, in [0, 1): all else is of the one
                              before, but for where it is (theta, values); 1: it is done */
     double misfit;        /* in units of noise, 1 where the scene explains the pictures; 0: unknown,
@@ -10232,6 +10233,7 @@ static int itn__refine_tell(itn__refiner *refiner, double fraction) {
     double now = itn__seconds(), left = fmax(refiner->final - refiner->known, 0);
     int heard = 0;
     shown->fraction = fraction, shown->seconds = now - refiner->begun;
+    shown->block = refiner->block;
     shown->expected = fmin(shown->seconds + left * (now - refiner->since) / refiner->work,
                            refiner->options.seconds);
     shown->theta = refiner->views->theta, shown->values = refiner->values;

@@ -90,6 +90,7 @@ typedef struct history {
     const itn_parameter *unknowns[MOST_PARAMETERS];
     int count, rows;
     int noise; /* whether misfit is in units of noise; else it is the loss, with adam and sgd */
+    int blocks[MOST_ROWS]; /* pixels a side that are one in the pictures that a step compares */
     double misfit[MOST_ROWS], misfit_error[MOST_ROWS];
     double values[MOST_PARAMETERS][MOST_ROWS], errors[MOST_PARAMETERS][MOST_ROWS];
 } history;
@@ -111,8 +112,9 @@ static int show_step(void *user, const itn_refine_step *step) {
     if (step->misfit > 0)
         printf("%3d  misfit %.4g +- %.2g ", step->iteration, step->misfit, step->misfit_error);
     else printf("%3d  loss %.4e ", step->iteration, step->loss);
-    h->noise = step->misfit > 0;
-    h->misfit[row] = h->noise ? step->misfit : fabs(step->loss);
+    h->noise |= step->misfit > 0;
+    h->misfit[row] = h->noise ? fmax(step->misfit, .1) : fabs(step->loss);
+    h->blocks[row] = step->block;
     h->misfit_error[row] = h->noise ? step->misfit_error : 0;
     for (k = 0; k < h->count; k++) {
         h->values[k][row] = (double)step->values[k];
@@ -339,7 +341,8 @@ static int seeks_exposure(const picture *pictures, int views, const history *h, 
     int v, k, seek = 0;
     for (v = 0; v < views; v++) seek |= pictures[v].own_units;
     for (k = 0; k < h->count; k++)
-        seek &= strncmp(h->unknowns[k]->name, "film.e", 6) && !strstr(h->unknowns[k]->name, "scale");
+        seek &= strncmp(h->unknowns[k]->name, "film.e", 6) &&
+                !strstr(h->unknowns[k]->name, "scale");
     return asked ? !strcmp(asked, "unknown") : seek;
 }
 
@@ -412,7 +415,7 @@ static void draw_chart(itn_image *page, const history *h, int place, int top, co
     sheet_box b = {0, 0, COLUMN - 54, CHART};
     sheet_axis x = {0, 1, 0}, y = {1e300, -1e300, 0};
     double steps[MOST_ROWS];
-    int i;
+    int i, end;
     b.left = GAP + 54 + place % 4 * (COLUMN + GAP), b.top = top + place / 4 * (CHART + 70);
     if (h->rows > 1) x.to = h->rows - 1;
     y.logarithmic = is_misfit;
@@ -433,9 +436,16 @@ static void draw_chart(itn_image *page, const history *h, int place, int top, co
     if (is_misfit && h->noise) {
         double floor = sheet_height(b, y, 1);
         sheet_line(page, b.left, floor, b.left + b.width, floor, 1.5, SHEET_GREY);
-        sheet_text(page, b.left + b.width - 4, floor - 4, 1, 8, SHEET_GREY, "noise");
+        sheet_text(page, b.left + b.width, floor + 11, 1, 7, SHEET_GREY, "noise");
     }
-    sheet_curve(page, b, x, y, h->rows, steps, values, errors, SHEET_COLOURS[colour % 6]);
+    for (i = 0; i < h->rows; i = end) { /* one for each size of pictures, reduced: grey */
+        for (end = i; end < h->rows && h->blocks[end] == h->blocks[i];) end++;
+        sheet_curve(page, b, x, y, end - i, steps + i, values + i, errors + i,
+                    end < h->rows ? SHEET_GREY : SHEET_COLOURS[colour % 6]);
+        if (is_misfit && end < h->rows && end > 1)
+            sheet_text(page, b.left + b.width * sheet_place(x, end - 1), b.top + 10, 1, 8,
+                       SHEET_GREY, "reduced");
+    }
 }
 
 /* One page that tells the story: target, estimate, difference, derivatives and, of the first
@@ -659,7 +669,9 @@ int main(int argc, char **argv) {
         case PARAMS: names = value; break;
         case HIDDEN: hidden_list = value; break;
         case NET: network = value; break;
-        case METHOD: refine.method = (itn_method)tool_choice("--method", "lm|adam|sgd", value); break;
+        case METHOD:
+            refine.method = (itn_method)tool_choice("--method", "lm|adam|sgd", value);
+            break;
         case ITERATIONS: refine.iterations = tool_whole("--iterations", value, 0); break;
         case SECONDS: refine.seconds = tool_number("--seconds", value, 0, 1e9); break;
         case SPP: refine.spp = tool_whole("--spp", value, 2); break;
