@@ -9636,7 +9636,7 @@ ITN_API itn_result itn_net_read(itn_net *net, const float *pixels, double mean, 
     itn_result result = ITN_OK;
     float *picture, *input, *answer, *means;
     size_t plane, count, k;
-    int width, height, size, x, y;
+    int width, height, size, i;
     if (!net || !pixels || !outputs || net->desc.channels != 2)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_net_read: a pointer is NULL, or the network sees %d channels, not 2",
@@ -9648,11 +9648,10 @@ ITN_API itn_result itn_net_read(itn_net *net, const float *pixels, double mean, 
     input = picture + plane, answer = input + 2 * plane, means = answer + count;
     for (size = 0; size < 5 && result == ITN_OK; size++) {
         double step = exp(-larger[size]), middle_x = (width - 1) / 2., middle_y = (height - 1) / 2.;
-        for (y = 0; y < height; y++)
-            for (x = 0; x < width; x++) /* the nearest pixel */
-                picture[y * width + x] = (float)itn__border_pixel(
-                    pixels, width, height, (int)floor(middle_x + step * (x - middle_x) + .5),
-                    (int)floor(middle_y + step * (y - middle_y) + .5));
+        for (i = 0; i < width * height; i++) /* the nearest pixel */
+            picture[i] = (float)itn__border_pixel(
+                pixels, width, height, (int)floor(middle_x + step * (i % width - middle_x) + .5),
+                (int)floor(middle_y + step * (i / width - middle_y) + .5));
         result = itn_net_input(width, height, picture, mean, input, error);
         if (result == ITN_OK) result = itn_net_forward(net, 1, input, answer, error);
         for (k = 0; k < count; k++) means[k] += answer[k] / 5;
