@@ -1672,6 +1672,11 @@ static void test_wrong_valley(int side, int informed) {
 
 /* Pictures that no parameter can make drive the walk to its bounds, and not beyond. */
 static void test_bounds(void) {
+#ifdef ITN_SANITIZED
+    const int stride = 3; /* every method and level once: sanitizers look at other things */
+#else
+    const int stride = 1;
+#endif
     static const char *const names[] = {"m.sigma_t", "m.albedo", "m.g"};
     itn_scene *scene = cloud(2, .5, 0);
     static float target[PIXELS];
@@ -1679,7 +1684,7 @@ static void test_bounds(void) {
     int parameters[3], i, k, method;
     find_parameters(scene, names, 3, parameters);
     for (method = 0; method < 3; method++)
-        for (k = 0; k < 4; k++) {
+        for (k = method % stride; k < 4; k += stride) {
             itn_refine_options options = ITN_ZERO;
             itn_estimate estimates[3];
             itn_error error;
