@@ -734,7 +734,8 @@ typedef struct itn_refine_step {
 /* How a search ended. */
 typedef struct itn_refine_outcome {
     double misfit; /* the mean of (I - T)^2 over what noise of picture and renders explains; where
-                      the picture's is not known, it is what neighbouring pixels do not share */
+                      the picture's is not known, it is what neighbouring pixels do not share, and
+                      both are those of the pictures slightly blurred */
     double misfit_error; /* its standard error */
     int explained; /* 0: the misfit is clearly above 1 (1.2 and two errors): the scene is not that
                       of the picture, or the search ended in a wrong valley */
@@ -767,8 +768,8 @@ typedef struct itn_refine_options {
                                      as NULL. For itn_refine only: each itn_view has its own */
     double *covariance; /* if not NULL, receives [count][count]: of the values */
     itn_refine_outcome *outcome; /* if not NULL, is filled in */
-    int (*progress)(void *user, const itn_refine_step *step); /* above 0 ends the search with the
-                       answer so far, below 0 cancels it; may be NULL */
+    int (*progress)(void *user, const itn_refine_step *step); /* after steps and within them; above
+                       0 ends the search with the answer so far, below 0 cancels it; or NULL */
     void *progress_user;
 } itn_refine_options;
 
@@ -786,7 +787,7 @@ typedef struct itn_estimate {
 /* Minimises ||I - T(pi)||^2 (equation 1) over `count` parameters of the scene, from the values in
    theta on; other parameters stay. LM divides each pixel's difference by what noise makes of it and
    compares pictures slightly blurred, which has the same minimum where the scene accounts for the
-   picture. It searches first in reduced pictures, also from the other sign of every unknown g if
+   picture. It searches first in reduced pictures, also from others of every unknown g if
    more misfit remains than noise explains. Against other wrong valleys a good start helps (a
    network's estimate), or several. Adam and SGD should not start on a bound, where slopes vanish.
    theta: [itn_parameter_count], in and out. target: [C][height][width], linear radiometric, within
@@ -10242,6 +10243,11 @@ static int itn__refine_tell(itn__refiner *refiner, double fraction) {
     return refiner->ended;
 }
 
+static itn_result itn__check_cancelled(const itn__refiner *refiner, itn_error *error) {
+    if (refiner->ended != ITN__CANCELLED) return ITN_OK;
+    return itn__fail(error, ITN_ERROR_CANCELLED, 0, "itn_refine: cancelled");
+}
+
 /* Hears of a render, the first or second of a view. */
 static int itn__watch(void *user, double fraction) {
     itn__refiner *refiner = (itn__refiner *)user;
@@ -10273,9 +10279,8 @@ static ITN__COLD itn_result itn__refine_evaluate(itn__refiner *refiner, int spp,
                             &image, error);
         if (!result) itn__take_in(refiner, view, &image, part % 2);
         itn_image_free(&image);
-        if (refiner->ended == ITN__CANCELLED)
-            return itn__fail(error, ITN_ERROR_CANCELLED, 0, "itn_refine: cancelled");
-        if (refiner->ended || result) return refiner->ended ? ITN_OK : result;
+        if (refiner->ended) return itn__check_cancelled(refiner, error);
+        if (result) return result;
     }
     refiner->work += spp;
     return ITN_OK;
@@ -10365,10 +10370,8 @@ static itn_result itn__refine_report(itn__refiner *refiner, itn_error *error) {
     if (refiner->known) itn__value_errors(refiner), shown->errors = refiner->value_errors;
     shown->misfit = refiner->misfit.value, shown->misfit_error = refiner->misfit.error;
     shown->loss = refiner->misfit.loss;
-    if (itn__refine_tell(refiner, 1) == ITN__CANCELLED)
-        return itn__fail(error, ITN_ERROR_CANCELLED, 0, "itn_refine: cancelled");
-    shown->iteration++;
-    return ITN_OK;
+    itn__refine_tell(refiner, 1), shown->iteration++;
+    return itn__check_cancelled(refiner, error);
 }
 
 /* How many samples the next evaluation has: as the last one, or as many as are known; not more than
@@ -10424,20 +10427,18 @@ static itn_result itn__gauss_newton(itn__refiner *refiner, int spp, int most, it
     return ITN_OK;
 }
 
-/* The most that pixels can be put together so that whole blocks fill a film, with no less than so
+/* The most that pixels can be put together so that whole blocks fill all films, with at least so
    many pixels across. */
 static int itn__coarse_block(const itn__refiner *refiner) {
-    int block, v, fits;
-    for (block = 1024; block > 1; block--) {
-        for (v = 0, fits = 1; v < refiner->view_count; v++) {
-            const itn_film_desc *film = &refiner->views[v].scene->film;
-            double pixels = (double)film->width * film->height / ((double)block * block);
-            fits &= film->width % block == 0 && film->height % block == 0 &&
-                    pixels >= (double)(ITN__COARSE * ITN__COARSE);
-        }
-        if (fits) return block;
+    int block = 1024, v;
+    for (v = 0; v < refiner->view_count && block > 1; v++) {
+        const itn_film_desc *film = &refiner->views[v].scene->film;
+        double least = (double)(ITN__COARSE * ITN__COARSE) * block * block;
+        if (film->width % block || film->height % block ||
+            (double)film->width * film->height < least)
+            block--, v = -1; /* all of them anew */
     }
-    return 1;
+    return block;
 }
 
 /* Makes of the coordinates of one start those of another. Returns 0 if there is none. */
@@ -10638,42 +10639,34 @@ static itn_result itn__view_check(const itn__refiner *refiner, const itn_view *g
                        *square);
 }
 
-/* The next `count` floats of a block. */
-static float *itn__carve(float **block, size_t count) {
-    float *part = *block;
-    *block += count;
-    return part;
-}
-
 /* Allocates a view's arrays, as one block, and fills in theta. */
 static itn_result itn__view_begin(itn__refiner *refiner, itn__refine_view *view,
                                   const float *values, itn_error *error) {
     const itn_film_desc *film = &view->scene->film;
     size_t plane = (size_t)film->width * (size_t)film->height, n = (size_t)refiner->count;
-    size_t pixels = plane * (size_t)film->channels, half;
-    size_t parameters = (size_t)view->scene->parameter_count;
-    float *block = (float *)itn__allocate(
-        &view->scene->context, parameters + n * plane + (14 + 6 * n) * pixels, sizeof(float));
+    size_t pixels = plane * (size_t)film->channels, all = 0;
+    const struct {
+        float **array;
+        size_t count;
+    } parts[14] = {{&view->theta, (size_t)view->scene->parameter_count}, /* it frees the block */
+                   {&view->score, n * plane}, {&view->scale, pixels}, {&view->spare, pixels},
+                   {&view->target, pixels}, {&view->target_variance, pixels},
+                   {&view->known[0], (2 + n) * pixels}, {&view->known[1], (2 + n) * pixels},
+                   {&view->fresh[0], (2 + n) * pixels}, {&view->fresh[1], (2 + n) * pixels},
+                   {&view->blurred[0], n * pixels}, {&view->blurred[1], n * pixels},
+                   {&view->residual[0], pixels}, {&view->residual[1], pixels}};
     itn_error why;
     itn_result result;
+    float *block;
     int k;
+    for (k = 0; k < 14; k++) all += parts[k].count;
+    block = (float *)itn__allocate(&view->scene->context, all, sizeof(float));
     if (!block) return itn__out_of_memory(error, "itn_refine");
-    view->theta = itn__carve(&block, parameters), view->score = itn__carve(&block, n * plane);
-    view->scale = itn__carve(&block, pixels), view->spare = itn__carve(&block, pixels);
-    view->target = itn__carve(&block, pixels);
-    view->target_variance = itn__carve(&block, pixels);
-    for (half = 0; half < 2; half++) {
-        view->known[half] = itn__carve(&block, (2 + n) * pixels);
-        view->fresh[half] = itn__carve(&block, (2 + n) * pixels);
-        view->blurred[half] = itn__carve(&block, n * pixels);
-        view->residual[half] = itn__carve(&block, pixels);
-    }
+    for (k = 0; k < 14; block += parts[k++].count) *parts[k].array = block;
     result = itn__view_unknowns(refiner, view, error);
     if (result) return result;
-    if (view->given->theta)
-        memcpy(view->theta, view->given->theta, parameters * sizeof(float));
-    else
-        itn_parameter_values(view->scene, view->theta);
+    if (view->given->theta) memcpy(view->theta, view->given->theta, parts[0].count * sizeof(float));
+    else itn_parameter_values(view->scene, view->theta);
     for (k = 0; k < view->asked; k++) view->theta[view->parameters[k]] = values[view->unknowns[k]];
     result = itn__check_theta(view->scene, view->theta, &why);
     if (!result) return ITN_OK;

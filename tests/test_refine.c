@@ -1923,7 +1923,10 @@ static void test_options(void) {
             REFUSES(ITN_ERROR_CANCELLED, scene, theta, target, parameters, 2, estimates);
             CHECK(w.calls == k);
         }
-        options.method = ITN_METHOD_ADAM, w.calls = 0, w.cancel_at = 1;
+        w.calls = w.cancel_at = w.within = 0, w.within_at = 3; /* in the first render */
+        REFUSES(ITN_ERROR_CANCELLED, scene, theta, target, parameters, 2, estimates);
+        CHECK(w.calls == 0 && w.within == 3);
+        options.method = ITN_METHOD_ADAM, w.calls = w.within_at = 0, w.cancel_at = 1;
         REFUSES(ITN_ERROR_CANCELLED, scene, theta, target, parameters, 2, estimates);
         options.progress = NULL, options.method = ITN_METHOD_LM;
         { /* start values out of range, refined or not */
@@ -1964,7 +1967,7 @@ static void test_ends(int planted) {
     int parameters[2], way, k;
     photograph(scene, 256, 7, target, variance);
     find_parameters(scene, names, 2, parameters);
-    for (way = 0; way < 3; way++) { /* by the caller, before anything, by nobody */
+    for (way = 0; way < 4; way++) { /* by the caller, before anything, by nobody, within a render */
         itn_refine_options options = ITN_ZERO;
         itn_refine_outcome outcome;
         itn_estimate estimates[2];
@@ -1975,12 +1978,14 @@ static void test_ends(int planted) {
         theta[parameters[0]] = .7f, theta[parameters[1]] = .2f;
         w.scene = scene, w.cancel_at = way == 0 && !planted ? 2 : 0, w.how = 1;
         options.spp = 16, options.target_variance = variance, options.outcome = &outcome;
+        if (way == 3 && !planted) w.cancel_at = 2, w.within_at = 1;
         options.seconds = way == 1 && !planted ? 1e-9 : 0;
         options.progress = watch_step, options.progress_user = &w;
         stage_need(itn_refine(scene, theta, target, parameters, 2, &options, estimates, &error),
                    &error);
         CHECK(outcome.finished == (way == 2));
-        CHECK(w.calls == (way == 0 ? 2 : 0) || (way == 2 && w.calls > 2));
+        CHECK(w.calls == (way == 1 ? 0 : 2) || (way == 2 && w.calls > 2));
+        CHECK(way != 2 || w.within > 2 * w.calls);
         for (k = 0; k < 2; k++) {
             double off = estimates[k].value - itn_parameter_get(scene, parameters[k])->value;
             CHECK(fabs(off) < 4 * estimates[k].standard_error);
@@ -1988,6 +1993,33 @@ static void test_ends(int planted) {
             CHECK(way != 2 || estimates[k].determined);
         }
     }
+    itn_scene_free(scene);
+}
+
+/* Where a first evaluation takes too long the search goes on from a medium a tenth as dense, else from
+   where it was, and has not ended. planted: factor of what is expected. */
+static void test_retreat(double planted) {
+    static const char *const names[] = {"m.sigma_t", "m.albedo", "m.g"};
+    static const float values[3] = {4e4f, .9f, .5f};
+    static float target[PIXELS];
+    itn_scene *scene = cloud(2, .8, .4);
+    itn_view view = ITN_ZERO;
+    itn__refiner refiner;
+    int parameters[3], known;
+    find_parameters(scene, names, 3, parameters);
+    target[0] = 1;
+    view.scene = scene, view.target = target, view.parameters = parameters;
+    begin_search(&refiner, &view, 3, values, 4);
+    memcpy(refiner.before, refiner.coordinates, sizeof refiner.before);
+    for (known = 0; known < 2; known++) {
+        refiner.known = known, refiner.ended = ITN__TOO_SLOW;
+        itn__retreat(&refiner);
+        CHECK_NEAR(refiner.values[0], planted * (known ? 4e4 : 4e3), 1e-3 * 4e4);
+        CHECK_NEAR(refiner.values[1], .9, 1e-5);
+        CHECK_NEAR(refiner.values[2], .5, 1e-5);
+        CHECK(!refiner.ended);
+    }
+    itn__refine_end(&refiner);
     itn_scene_free(scene);
 }
 
@@ -2115,8 +2147,9 @@ int main(void) {
     test_view_options();
     test_bounds();
     test_options();
-    test_ends(0), test_bad_fit(.5);
+    test_ends(0), test_bad_fit(.5), test_retreat(1);
     CHECK_CATCHES(test_ends(1));
+    CHECK_CATCHES(test_retreat(1.1));
     CHECK_CATCHES(test_bad_fit(1));
     CHECK_CATCHES(test_elimination(1e-6));
     CHECK_CATCHES(test_similarity(1e-4));
