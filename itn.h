@@ -751,7 +751,7 @@ typedef struct itn_refine_options {
     int spp;        /* samples per pixel of each of the two renders of an iteration, 2 to 524287;
                        0 = 64. LM takes more as it closes in */
     int final_spp;  /* samples, at most 67108863, of all renders that LM averages in the end, or of
-                       the one that gives Adam and SGD error bars; 0 = 5 spp, and up to 32 times as
+                       the one that gives Adam and SGD error bars; 0 = 6 spp, and up to 32 times as
                        many where these leave an unknown undetermined. LM stops earlier if only the
                        picture's own noise is left */
     uint64_t seed;
@@ -10201,7 +10201,7 @@ static int itn__normal(itn__refiner *refiner) {
    evaluation there that takes an eighth of all time, because it is of a medium of millions of
    scatterings, is not made; the search goes on from a thinner one. */
 
-enum { ITN__FINAL = 5, ITN__PATIENCE = 32, ITN__COARSE = 24, ITN__COARSE_PATHS = 32768 };
+enum { ITN__FINAL = 6, ITN__PATIENCE = 32, ITN__COARSE = 24, ITN__COARSE_PATHS = 32768 };
 
 /* so that an int holds PATIENCE times FINAL times spp, and all walks of these camera rays */
 enum { ITN__MOST_FINAL = INT_MAX / 32, ITN__MOST_SPP = 524287 };

@@ -1064,7 +1064,8 @@ static void test_two_lights(int swapped) {
     for (v = 0; v < 2; v++) itn_scene_free(scenes[v]);
 }
 
-/* Two pictures of one scene with other noise: error bars shrink by the square root of two. */
+/* Two pictures of one scene with other noise: error bars shrink by the square root of two, on
+   average over a few pairs, as each is known to some 12 %. */
 static void test_two_pictures(void) {
     static const char *const albedo[] = {"m.albedo"};
     itn_scene *scene = cloud(2, .8, .4);
@@ -1073,20 +1074,25 @@ static void test_two_pictures(void) {
     itn_estimate one, two;
     itn_view views[2];
     itn_error error;
-    float value = .75f;
-    int parameter, v;
+    double ratio = 0;
+    int parameter, v, pair;
+    enum { PAIRS = 4 };
     find_parameters(scene, albedo, 1, &parameter);
     memset(views, 0, sizeof views);
-    for (v = 0; v < 2; v++) {
-        photograph(scene, 32, 7 + (uint64_t)v, target[v], variance[v]);
-        views[v].scene = scene, views[v].parameters = &parameter;
-        views[v].target = target[v], views[v].target_variance = variance[v];
+    for (pair = 0; pair < PAIRS; pair++) {
+        float value = .75f;
+        for (v = 0; v < 2; v++) {
+            photograph(scene, 32, 7 + (uint64_t)(2 * pair + v), target[v], variance[v]);
+            views[v].scene = scene, views[v].parameters = &parameter;
+            views[v].target = target[v], views[v].target_variance = variance[v];
+        }
+        options.spp = 32;
+        stage_need(itn_refine_views(views, 1, &value, 1, &options, &one, &error), &error);
+        stage_need(itn_refine_views(views, 2, &value, 1, &options, &two, &error), &error);
+        ratio += one.standard_error / two.standard_error / PAIRS;
+        CHECK_NEAR(two.value, .8, 4 * two.standard_error);
     }
-    options.spp = 32;
-    stage_need(itn_refine_views(views, 1, &value, 1, &options, &one, &error), &error);
-    stage_need(itn_refine_views(views, 2, &value, 1, &options, &two, &error), &error);
-    CHECK_NEAR(one.standard_error / two.standard_error, sqrt(2), .2);
-    CHECK_NEAR(two.value, .8, 4 * two.standard_error);
+    CHECK_NEAR(ratio, sqrt(2), .2);
     itn_scene_free(scene);
 }
 
