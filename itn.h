@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.9.0                           [itn]
+/* itn.h - inverse transport networks in one C header, version 0.10.0                          [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -69,7 +69,8 @@
    [units] Lengths are scene units, sigma_t is per scene unit, angles are degrees in descs. Axes are
      right-handed, y is up. Triangles are counter-clockwise seen from outside. Row 0 of an image is
      its top, and x goes right. Pixels are linear radiance, never gamma-coded; where a pixel's rays
-     meet no object they see the lights themselves. g > 0 scatters forward. From absorption
+     meet no object they see the lights themselves, or the film's background; all of it is
+     multiplied by the film's exposure. g > 0 scatters forward. From absorption
      and scattering coefficients: sigma_t = mu_a + mu_s, albedo = mu_s / sigma_t; the reduced
      scattering coefficient is sigma_s' = albedo sigma_t (1 - g).
 
@@ -92,7 +93,7 @@
 #include <stdint.h>
 
 #define ITN_VERSION_MAJOR 0
-#define ITN_VERSION_MINOR 9
+#define ITN_VERSION_MINOR 10
 #define ITN_VERSION_PATCH 0
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which means "the default" where a field
@@ -13197,6 +13198,12 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history] what changed for callers, newest first
+   0.10.0 photos: itn_photo_make, PNG files are read; exposure and background of a film;
+          itn_scene_tissue, mu_a, mu_s and mu_s' in scene files; searches report within evaluations.
+          breaks: every scene has film.exposure, last of its parameters but for film.background; a
+          scene without light is an error; an EXR file is its display window; samplers and
+          estimators are two each, the default first; ITN_IDENTITY is gone; itn_mesh_report names
+          edges (open_edge, flipped_edge); polygons of files may be cut into other triangles
    0.9.0  a third fewer lines than 0.7; refinement averages what its renders tell, looks first at
           reduced pictures, is bounded in time and says when the scene does not explain a picture.
           breaks: images have other bits; itn_refine_step, itn_refine_options.outcome and .seconds,
