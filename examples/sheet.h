@@ -214,7 +214,7 @@ static void sheet_curve(itn_image *page, sheet_box b, sheet_axis x, sheet_axis y
             double s = (column - x0) / (x1 - x0);
             double value = ys[i - 1] + s * (ys[i] - ys[i - 1]);
             double error = errors[i - 1] + s * (errors[i] - errors[i - 1]);
-            sheet_box band = {column, 0, 1, 0};
+            sheet_box band = {(double)column, 0, 1, 0};
             band.top = sheet_height(b, y, value + error);
             band.height = sheet_height(b, y, value - error) - band.top;
             sheet_fill(page, band, colour, .2);
