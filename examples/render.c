@@ -20,7 +20,7 @@
 #include <unistd.h>
 
 static const char usage[] = "render SCENE -o FILE [options]\n";
-enum { OUTPUT, SPP, SEED, THREADS, CHANGE, DERIVATIVES, MAX_SCATTER, MODE, SAMPLER, WALKS, ESTIMATOR,
+enum { SAVE, SPP, SEED, THREADS, CHANGE, DERIVATIVES, MAX_SCATTER, MODE, SAMPLER, WALKS, ESTIMATOR,
        QUIET };
 static const tool_option choices[] = {
     {"-o", "FILE", "EXR: all planes; PFM, PNG: a file for the light and for each derivative"},
@@ -179,7 +179,7 @@ int main(int argc, char **argv) {
             if (path) fail(value, "is a second scene");
             path = value;
             break;
-        case OUTPUT: out = value; break;
+        case SAVE: out = value; break;
         case SPP: options.spp = tool_whole("--spp", value, 1); break;
         case SEED: options.seed = (uint64_t)tool_whole("--seed", value, 0); break;
         case THREADS: context.threads = tool_whole("-t", value, 1); break;
