@@ -8101,9 +8101,11 @@ static void itn__fast_know(itn__render *render) {
     level += render->constant[0] + render->constant[1] + render->constant[2];
     render->lesson_unit = level > 0 ? ldexp(1, ilogb(level) - 12) : 1;
     render->roulette = render->count ? ITN__ROULETTE / 2 : ITN__ROULETTE;
-    /* it pays with one medium in light that is everywhere the same, and many paths */
+    /* it pays with one medium in light that is everywhere the same, and many paths; derivatives have
+       learnt V anyway */
     render->controls = render->baseline && render->only_constant && scene->medium_count == 1 &&
-                       render->samples * render->walks >= 16 * ITN__LESSONS;
+                       render->samples * render->walks >=
+                           (render->count ? 1 : 4) * ITN__LESSONS;
     render->rows = render->count ? ITN__ROWS : render->controls ? ITN__VALUE_ROWS : ITN__FEW_ROWS;
 }
 
@@ -8587,7 +8589,7 @@ static itn_result itn__learn_values(itn__render *render, itn_error *error) {
     size_t mark = render->scratch->used;
     itn__render pilot = *render;
     itn_result result;
-    pilot.weights = NULL, pilot.samples_of = NULL, pilot.progress = NULL;
+    pilot.weights = NULL, pilot.samples_of = NULL, pilot.share = 0;
     pilot.walks = (int)itn__clamp((float)(ITN__LESSONS / pixels), 1, (float)render->walks);
     pilot.spp = (int)fmax(1, fmin(ITN__LESSONS / (pixels * pilot.walks), render->spp / 8 + 1));
     pilot.count = 0, pilot.planes = pilot.sums = pilot.channels;

@@ -266,7 +266,8 @@ static double network_mean(const char *path) {
 }
 
 /* Takes what a network reads off the picture for values of sigma_t, albedo and g of the medium that
-   the first unknown is of, and prints it. */
+   the first unknown is of, and prints it. The network has seen pictures of the scene's exposure; one
+   of an exposure that is sought is brought to this by its start. */
 static void start_from_network(const char *path, const itn_context *context, const history *h,
                                const picture *p, float *values) {
     static const char *const fields[3] = {"sigma_t", "albedo", "g"};
@@ -274,8 +275,9 @@ static void start_from_network(const char *path, const itn_context *context, con
     itn_net_desc shape;
     itn_net *net;
     itn_error error;
-    float answer[3]; /* coordinates */
+    float answer[3] /* coordinates */, *light, exposure = 1;
     char text[200];
+    int pixels = film.width * film.height;
     int i, k, length = (int)strcspn(h->unknowns[0]->name, ".");
     if (itn_net_open(path, 1, context, &net, &error)) fail(error.message, "");
     shape = itn_net_shape(net);
@@ -286,7 +288,14 @@ static void start_from_network(const char *path, const itn_context *context, con
     if (shape.width != film.width || shape.height != film.height || shape.channels != 2 ||
         shape.outputs != 3)
         fail(path, text);
-    if (itn_net_read(net, p->light, network_mean(path), answer, &error)) fail(error.message, "");
+    for (k = 0; k < h->count; k++)
+        if (!strcmp(h->unknowns[k]->name, "film.exposure"))
+            exposure = values[k] / h->unknowns[k]->value;
+    light = (float *)malloc((size_t)pixels * sizeof *light);
+    if (!light) fail("out of memory", "");
+    for (i = 0; i < pixels; i++) light[i] = p->light[i] / exposure;
+    if (itn_net_read(net, light, network_mean(path), answer, &error)) fail(error.message, "");
+    free(light);
     printf("net");
     for (k = 0; k < 3; k++) {
         char name[2 * ITN_NAME_SIZE];
