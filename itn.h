@@ -8101,8 +8101,8 @@ static void itn__fast_know(itn__render *render) {
     level += render->constant[0] + render->constant[1] + render->constant[2];
     render->lesson_unit = level > 0 ? ldexp(1, ilogb(level) - 12) : 1;
     render->roulette = render->count ? ITN__ROULETTE / 2 : ITN__ROULETTE;
-    /* it pays with one medium in light that is everywhere the same, and many paths; derivatives have
-       learnt V anyway */
+    /* it pays with one medium in light that is everywhere the same, and many paths; derivatives
+       have learnt V anyway */
     render->controls = render->baseline && render->only_constant && scene->medium_count == 1 &&
                        render->samples * render->walks >=
                            (render->count ? 1 : 4) * ITN__LESSONS;

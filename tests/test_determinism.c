@@ -79,7 +79,7 @@ typedef struct outcome {
 
 static int count_progress(void *user, double fraction) {
     int *calls = (int *)user;
-    CHECK(fraction > 0 && fraction <= 1);
+    CHECK(fraction >= 0 && fraction <= 1); /* 0: before pixels, while V is learnt */
     ++*calls;
     return 0;
 }
