@@ -10450,16 +10450,16 @@ static int itn__find_start(const itn__refiner *refiner, double other, double *th
     for (k = 0; k < refiner->count; k++) {
         const itn_parameter *p = refiner->parameters[k];
         if (p->transform != ITN_LOGIT || p->lower >= 0) continue; /* no g */
-        if (fabs(itn_parameter_from_coordinate(p, there[k]) - other) < .3) continue;
+        if (fabs(itn_parameter_from_coordinate(p, there[k]) - other) < .2) continue;
         there[k] = itn_parameter_to_coordinate(p, other), found = 1;
     }
     return found;
 }
 
-/* Searches in reduced pictures, from other starts, too, if there is misfit left, and leaves the
-   best point. */
+/* Searches in reduced pictures, if there is misfit left from other starts, too, along the valleys
+   of the given one and of the best, and leaves the best point. */
 static itn_result itn__refine_coarsely(itn__refiner *refiner, itn_error *error) {
-    static const double others[] = {0, .6, -.5};
+    static const double others[] = {0, .6, -.5, .6, -.5};
     double start[ITN__MOST_UNKNOWNS], there[ITN__MOST_UNKNOWNS], best[ITN__MOST_UNKNOWNS];
     double paths = 0;
     int wanted = refiner->final, block = itn__coarse_block(refiner), anew = block > 1, way, spp;
@@ -10470,13 +10470,13 @@ static itn_result itn__refine_coarsely(itn__refiner *refiner, itn_error *error) 
         paths += (double)film->width * film->height;
     }
     spp = (int)fmax(2, fmin(refiner->options.spp, (double)ITN__COARSE_PATHS / paths));
-    refiner->final = 2 * spp, refiner->coarse = 1;
+    refiner->coarse = 1;
     memcpy(start, refiner->coordinates, sizeof start), memcpy(best, start, sizeof best);
-    for (way = 0; way < 3 && !result; way++) {
+    for (way = 0; way < 5 && !result; way++) {
         if (way > 0 && least.value - 1 < 3 * least.spread) break;
-        memcpy(there, start, sizeof there);
+        memcpy(there, way < 3 ? start : best, sizeof there);
         if (way > 0 && !itn__find_start(refiner, others[way], there)) continue;
-        anew |= way > 0;
+        anew |= way > 0, refiner->final = (way > 0 ? 6 : 2) * spp;
         itn__focus(refiner, block), itn__refine_set(refiner, there);
         result = itn__gauss_newton(refiner, spp, 8, error);
         if (way == 0 || least.value - now->value > 2 * hypot(least.error, now->error))
