@@ -67,7 +67,7 @@ static const tool_option choices[] = {
     {"--iterations", "N", "at most so many; default 20 (lm), 200"},
     {"--seconds", "S", "at most so long; default 60"},
     {"--spp", "N", "samples per pixel of a render; default 48"},
-    {"--final-spp", "N", "of those that are averaged in the end; default by need, 5 to 160 spp"},
+    {"--final-spp", "N", "of those that are averaged in the end; default by need, 6 to 192 spp"},
     {"--seed", "N", "of random numbers; default 0"},
     {"-t", "THREADS", "default: all processors"},
     {"-o", "DIR", "where results go; default: beside the scene"},
@@ -266,8 +266,8 @@ static double network_mean(const char *path) {
 }
 
 /* Takes what a network reads off the picture for values of sigma_t, albedo and g of the medium that
-   the first unknown is of, and prints it. The network has seen pictures of the scene's exposure;
-   one whose exposure is sought is brought to it by its start. */
+   the first unknown is of, and prints it. The network has seen pictures of the scene's exposure; where
+   that is sought, what it takes for the mean is as much brighter as the start. */
 static void start_from_network(const char *path, const itn_context *context, const history *h,
                                const picture *p, float *values) {
     static const char *const fields[3] = {"sigma_t", "albedo", "g"};
@@ -275,9 +275,9 @@ static void start_from_network(const char *path, const itn_context *context, con
     itn_net_desc shape;
     itn_net *net;
     itn_error error;
-    float answer[3] /* coordinates */, *light, exposure = 1;
+    float answer[3]; /* coordinates */
+    double mean;
     char text[200];
-    int pixels = film.width * film.height;
     int i, k, length = (int)strcspn(h->unknowns[0]->name, ".");
     if (itn_net_open(path, 1, context, &net, &error)) fail(error.message, "");
     shape = itn_net_shape(net);
@@ -288,14 +288,11 @@ static void start_from_network(const char *path, const itn_context *context, con
     if (shape.width != film.width || shape.height != film.height || shape.channels != 2 ||
         shape.outputs != 3)
         fail(path, text);
+    mean = network_mean(path);
     for (k = 0; k < h->count; k++)
         if (!strcmp(h->unknowns[k]->name, "film.exposure"))
-            exposure = values[k] / h->unknowns[k]->value;
-    light = (float *)malloc((size_t)pixels * sizeof *light);
-    if (!light) fail("out of memory", "");
-    for (i = 0; i < pixels; i++) light[i] = p->light[i] / exposure;
-    if (itn_net_read(net, light, network_mean(path), answer, &error)) fail(error.message, "");
-    free(light);
+            mean *= (double)(values[k] / h->unknowns[k]->value);
+    if (itn_net_read(net, p->light, mean, answer, &error)) fail(error.message, "");
     printf("net");
     for (k = 0; k < 3; k++) {
         char name[2 * ITN_NAME_SIZE];

@@ -31,9 +31,9 @@ static const tool_option choices[] = {
     {"--derivatives", "name,...|all", "derivative images in the same walk"},
     {"--max-scatter", "N", "longest paths; default: any number of scatterings"},
     {"--mode", "auto|reference|fast", "the estimator; default auto"},
-    {"--sampler", "auto|random|sobol", "of the fast walk; default auto, which is sobol"},
+    {"--sampler", "sobol|random", "of the fast walk; default sobol"},
     {"--walks", "N", "walks behind one first flight, of the fast walk; default by itself"},
-    {"--estimator", "auto|score|baseline", "of derivatives; default auto"},
+    {"--estimator", "baseline|score", "of derivatives; default baseline"},
     {"-q", NULL, "does not tell how far it is"},
     {NULL, NULL, NULL}};
 
@@ -193,12 +193,12 @@ int main(int argc, char **argv) {
             options.mode = (itn_mode)tool_choice("--mode", "auto|reference|fast", value);
             break;
         case SAMPLER:
-            options.sampler = (itn_sampler)tool_choice("--sampler", "auto|random|sobol", value);
+            options.sampler = (itn_sampler)tool_choice("--sampler", "sobol|random", value);
             break;
         case WALKS: options.walks = tool_whole("--walks", value, 1); break;
         case ESTIMATOR:
             options.estimator =
-                (itn_estimator)tool_choice("--estimator", "auto|score|baseline", value);
+                (itn_estimator)tool_choice("--estimator", "baseline|score", value);
             break;
         default: quiet = 1;
         }

@@ -137,6 +137,10 @@ refused 'did you mean --target' "invert: an option misspelt" ./invert default.it
 refused '--seed: needs a value' "invert: a value missing" ./invert default.itn --seed
 refused 'lm.adam.sgd' "invert: no such method" ./invert default.itn --method newton
 refused 'did you mean milk.sigma_t' "invert: a name misspelt" ./invert default.itn --params sigma_t
+for choice in "sampler sobol" "sampler random" "estimator baseline" "estimator score"; do
+    # shellcheck disable=SC2086
+    check "render: --$choice" ./render default.itn -o choice.exr --derivatives milk.g --spp 2 --$choice -q
+done
 refused 'did you mean milk.g' "render: a name misspelt" ./render default.itn -o a.exr -D mlk.g=0 -q
 sed "s/eye 0.25 0.55 2.2/eye 2.2 0.55 0.25/" default.itn > side.itn
 keep "invert: two views" ./invert side.itn default.itn \
@@ -222,7 +226,8 @@ keep "invert --net: a bright picture" ./render "$root/scenes/data.itn" -D film.e
     -o bright.exr -q
 keep "invert --net: exposure unknown" ./invert "$root/scenes/data.itn" --net "$root/scenes/data.net" \
     --target bright.exr --exposure unknown --spp 2 --iterations 1 --final-spp 2 -o bright
-check "invert --net: reads it" awk '$1 == "net" { off = $3 / 54; found = off > 0.6 && off < 1.7 && $5 < 0.95 }
+check "invert --net: reads it" awk '$1 == "net" { off = $3 / 54
+        found = off > 0.6 && off < 1.7 && $5 < 0.95 }
     END { exit !found }' kept
 
 # shapes are the shipped ones; a sky from a table whose answer is plain: F = C = 1, radiance 2
