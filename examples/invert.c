@@ -266,8 +266,8 @@ static double network_mean(const char *path) {
 }
 
 /* Takes what a network reads off the picture for values of sigma_t, albedo and g of the medium that
-   the first unknown is of, and prints it. The network has seen pictures of the scene's exposure; where
-   that is sought, what it takes for the mean is as much brighter as the start. */
+   the first unknown is of, and prints it. The network has seen pictures of the scene's exposure;
+   where that is sought, what it takes for the mean is as much brighter as the start. */
 static void start_from_network(const char *path, const itn_context *context, const history *h,
                                const picture *p, float *values) {
     static const char *const fields[3] = {"sigma_t", "albedo", "g"};
