@@ -1324,14 +1324,12 @@ ITN__INLINE itn__floats itn__most(itn__floats a, itn__floats b) {
     return itn__select(itn__less(b, a), a, b);
 }
 ITN__INLINE itn__floats itn__root(itn__floats v) {
-    int k;
-    for (k = 0; k < ITN__LANES; k++) ITN__LANE(v, k) = sqrtf(ITN__LANE(v, k));
+    for (int k = 0; k < ITN__LANES; k++) ITN__LANE(v, k) = sqrtf(ITN__LANE(v, k));
     return v;
 }
 ITN__INLINE unsigned itn__mask_bits(itn__ints mask) {
     unsigned bits = 0;
-    int k;
-    for (k = 0; k < ITN__LANES; k++) bits |= (unsigned)(ITN__LANE(mask, k) & 1) << k;
+    for (int k = 0; k < ITN__LANES; k++) bits |= (unsigned)(ITN__LANE(mask, k) & 1) << k;
     return bits;
 }
 #define itn__less_bits(a, b) itn__mask_bits(itn__less(a, b))
@@ -1359,8 +1357,7 @@ ITN__INLINE itn__ints itn__gather_ints(const void *base, itn__ints index, itn__i
     return (itn__ints)_mm256_mask_i32gather_epi32((__m256i)other, (const int *)base,
                                                   (__m256i)index, (__m256i)mask, 4);
 #else
-    int k;
-    for (k = 0; k < ITN__LANES; k++) {
+    for (int k = 0; k < ITN__LANES; k++) {
         int32_t lane = ITN__LANE(other, k);
         if (ITN__LANE(mask, k)) memcpy(&lane, (const int32_t *)base + ITN__LANE(index, k), 4);
         ITN__LANE(other, k) = lane;
@@ -1527,8 +1524,7 @@ typedef struct itn__plane {
 /* n, and the edges b, c that it is the product of, exact enough for the thinnest needle. */
 ITN__INLINE void itn__cross_edges(const itn__triangle *triangle, double n[3], double b[3],
                                   double c[3]) {
-    int k;
-    for (k = 0; k < 3; k++) {
+    for (int k = 0; k < 3; k++) {
         b[k] = (double)triangle->corner[1][k] - triangle->corner[0][k];
         c[k] = (double)triangle->corner[2][k] - triangle->corner[0][k];
     }
@@ -1540,10 +1536,9 @@ static itn__plane itn__plane_of(const itn__triangle *triangle, itn_vec3 point) {
     const float p[3] = {point.x, point.y, point.z};
     double b[3], c[3];
     itn__plane plane;
-    int k;
     itn__cross_edges(triangle, plane.n, b, c);
     plane.size = plane.f = plane.error = 0;
-    for (k = 0; k < 3; k++) {
+    for (int k = 0; k < 3; k++) {
         int l = (k + 1) % 3, m = (k + 2) % 3;
         double a = (double)triangle->corner[0][k] - p[k];
         plane.size += fabs(plane.n[k]), plane.f += plane.n[k] * a;
@@ -1558,11 +1553,10 @@ static double itn__size_of(const double n[3]) {
 
 /* Unit normal of a triangle's front. Returns twice the area, 0 if there is no normal. */
 static double itn__unit_normal(const itn__triangle *triangle, double n[3]) {
-    double b[3], c[3], length, scale;
-    int k;
+    double b[3], c[3];
     itn__cross_edges(triangle, n, b, c);
-    length = itn__size_of(n), scale = length > 0 ? 1 / length : 1;
-    for (k = 0; k < 3; k++) n[k] *= scale;
+    double length = itn__size_of(n), scale = length > 0 ? 1 / length : 1;
+    for (int k = 0; k < 3; k++) n[k] *= scale;
     return length;
 }
 
@@ -1576,11 +1570,10 @@ typedef struct itn__shear {
 /* Returns 0 for a ray that can hit nothing because it is not finite or its direction is zero. */
 static int itn__shear_make(const itn_ray *ray, itn__shear *shear) {
     float d[3];
-    int kz, swap;
     d[0] = ray->direction.x, d[1] = ray->direction.y, d[2] = ray->direction.z;
-    kz = fabsf(d[0]) > fabsf(d[1]) ? 0 : 1;
+    int kz = fabsf(d[0]) > fabsf(d[1]) ? 0 : 1;
     if (!(fabsf(d[kz]) > fabsf(d[2]))) kz = 2;
-    swap = d[kz] < 0; /* keeps the orientation of triangles */
+    int swap = d[kz] < 0; /* keeps the orientation of triangles */
     shear->kz = kz;
     shear->kx = (kz + 1 + swap) % 3;
     shear->ky = (kz + 2 - swap) % 3;
@@ -1629,8 +1622,7 @@ static void itn__begin_at(itn__sides *sides, const itn__triangle *triangle, itn_
 /* Edge functions of the corners p (x, y, t) as a ray sees them; returns det, *t receives t. */
 static double itn__edge_functions(double p[3][3], double w[3], double *t) {
     double det = 0, sum = 0;
-    int k;
-    for (k = 0; k < 3; k++) {
+    for (int k = 0; k < 3; k++) {
         const double *a = p[(k + 1) % 3], *b = p[(k + 2) % 3];
         w[k] = b[0] * a[1] - b[1] * a[0];
         det += w[k], sum += w[k] * p[k][2];
@@ -1645,22 +1637,22 @@ ITN__NOINLINE int itn__meets_sheet(const itn__triangle *triangle, const itn__she
                                    const itn__sides *sides, float *t) {
     itn_vec3 origin = itn__vec3(s->origin[0], s->origin[1], s->origin[2]);
     itn__plane plane = itn__plane_of(triangle, origin);
-    double p[3][3], w[3], det, exact, least, most;
-    int k;
+    double p[3][3], w[3], exact;
     if (fabs(plane.f) <= (double)sides->flush * plane.size + plane.error) {
         *t = 0;
         return sides->flush > 0 && !sides->thrown;
     }
-    for (k = 0; k < 3; k++) {
+    for (int k = 0; k < 3; k++) {
         const float *corner = triangle->corner[k];
         double z = (double)corner[s->kz] - s->origin[s->kz];
         p[k][0] = (double)corner[s->kx] - s->origin[s->kx] - s->sx * z;
         p[k][1] = (double)corner[s->ky] - s->origin[s->ky] - s->sy * z;
         p[k][2] = z * s->sz;
     }
-    det = itn__edge_functions(p, w, &exact);
+    double det = itn__edge_functions(p, w, &exact);
     if (fmin(w[0] / det, fmin(w[1] / det, w[2] / det)) >= -FLT_EPSILON) {
-        least = fmin(p[0][2], fmin(p[1][2], p[2][2])), most = fmax(p[0][2], fmax(p[1][2], p[2][2]));
+        double least = fmin(p[0][2], fmin(p[1][2], p[2][2])),
+               most = fmax(p[0][2], fmax(p[1][2], p[2][2]));
         *t = (float)fmin(most, fmax(least, exact));
     }
     if (!(*t > 0)) return 0;
@@ -1683,15 +1675,14 @@ typedef struct itn__pack {
 /* Fills a pack with the triangles of these numbers, at most ITN__PACK. */
 static void itn__pack_fill(itn__pack *pack, const itn__triangle *triangles, const int32_t *numbers,
                            int count) {
-    int i, j, k;
     pack->used = (1u << count) - 1, pack->object = count ? triangles[numbers[0]].object : -1;
-    for (i = 0; i < ITN__PACK; i++) {
+    for (int i = 0; i < ITN__PACK; i++) {
         const itn__triangle *triangle = i < count ? &triangles[numbers[i]] : NULL;
         pack->index[i] = triangle ? triangle->index : -1;
         pack->objects[i] = (uint8_t)(triangle ? triangle->object : 0);
         if (triangle && triangle->object != pack->object) pack->object = -1;
-        for (j = 0; j < 3; j++)
-            for (k = 0; k < 3; k++)
+        for (int j = 0; j < 3; j++)
+            for (int k = 0; k < 3; k++)
                 pack->corner[j][k][i] = triangle ? triangle->corner[j][k] : NAN;
     }
 }
@@ -1732,8 +1723,7 @@ ITN__INLINE unsigned itn__pack_view(const itn__pack *pack, int from, const itn__
 /* The triangle of a place. */
 static itn__triangle itn__pack_triangle(const itn__pack *pack, int place) {
     itn__triangle triangle;
-    int k;
-    for (k = 0; k < 9; k++)
+    for (int k = 0; k < 9; k++)
         triangle.corner[k / 3][k % 3] = pack->corner[k / 3][k % 3][place];
     triangle.index = pack->index[place], triangle.object = pack->objects[place];
     return triangle;
@@ -1743,21 +1733,19 @@ static itn__triangle itn__pack_triangle(const itn__pack *pack, int place) {
 ITN__NOINLINE int itn__place_hit(const itn__pack *pack, int place, itn__seen seen,
                                  const itn__shear *shear, float tmin, const itn__sides *sides,
                                  itn_hit *best) {
-    double p[3][3], w[3], det, exact;
-    int j, k, index = pack->index[place];
-    float t;
-    for (j = 0; j < 3; j++)
-        for (k = 0; k < 3; k++) p[j][k] = seen[j][k][place];
-    det = itn__edge_functions(p, w, &exact);
+    double p[3][3], w[3], exact;
+    int index = pack->index[place];
+    for (int j = 0; j < 3; j++)
+        for (int k = 0; k < 3; k++) p[j][k] = seen[j][k][place];
+    double det = itn__edge_functions(p, w, &exact);
     if (fmin(w[0], fmin(w[1], w[2])) < 0 && fmax(w[0], fmax(w[1], w[2])) > 0) return 0;
     if (!(fabs(det) > 0)) return 0;
-    t = (float)exact;
+    float t = (float)exact;
     if (sides) {
         uint64_t object = itn__object_bit(pack->objects[place]);
-        itn__triangle triangle;
         if (!((det > 0 ? sides->front : sides->back) & object)) return 0;
         if (sides->front & sides->back & object) {
-            triangle = itn__pack_triangle(pack, place);
+            itn__triangle triangle = itn__pack_triangle(pack, place);
             if (!itn__meets_sheet(&triangle, shear, sides, &t)) return 0;
         }
     }
@@ -1774,13 +1762,13 @@ ITN__INLINE int itn__pack_hit(const itn__pack *pack, const itn__shear *shear, fl
                               const itn__sides *sides, itn_hit *best) {
     itn__seen seen;
     unsigned front = pack->used, back = pack->used, bits = 0;
-    int from, found = 0;
+    int found = 0;
     if (sides && pack->object >= 0) {
         if (!(sides->front >> pack->object & 1)) front = 0;
         if (!(sides->back >> pack->object & 1)) back = 0;
         if (!(front | back)) return 0;
     }
-    for (from = 0; from < ITN__PACK; from += ITN__LANES)
+    for (int from = 0; from < ITN__PACK; from += ITN__LANES)
         bits |= itn__pack_view(pack, from, shear, tmin, best->t, front >> from, back >> from, seen)
                 << from;
     for (; bits; bits &= bits - 1)
@@ -1839,20 +1827,17 @@ struct itn_bvh {
 
 /* The corners of a triangle. */
 static void itn__bvh_corners(const itn_bvh *bvh, int triangle, itn_vec3 p[3]) {
-    int k;
-    for (k = 0; k < 3; k++) memcpy(&p[k], bvh->triangles[triangle].corner[k], sizeof p[k]);
+    for (int k = 0; k < 3; k++) memcpy(&p[k], bvh->triangles[triangle].corner[k], sizeof p[k]);
 }
 
 static itn__box itn__box_empty(void) {
     itn__box box;
-    int k;
-    for (k = 0; k < 8; k++) box.bound[k] = FLT_MAX;
+    for (int k = 0; k < 8; k++) box.bound[k] = FLT_MAX;
     return box;
 }
 ITN__INLINE void itn__box_add(itn__box *box, const itn__box *other) {
     itn__box a = *box, b = *other; /* copies cannot overlap */
-    int k;
-    for (k = 0; k < 8; k++) a.bound[k] = itn__min(a.bound[k], b.bound[k]);
+    for (int k = 0; k < 8; k++) a.bound[k] = itn__min(a.bound[k], b.bound[k]);
     *box = a;
 }
 /* Half the surface area. */
@@ -1909,9 +1894,8 @@ static int itn__best_border(const itn__box *box, const int *triangles) {
     }
     side = itn__box_empty();
     for (i = 1, passed = 0; i < ITN__BINS; i++) {
-        double cost;
         itn__box_add(&side, &box[i - 1]);
-        cost = itn__leaf_cost(&side, passed += triangles[i - 1]) + right[i];
+        double cost = itn__leaf_cost(&side, passed += triangles[i - 1]) + right[i];
         if (cost < least) least = cost, border = i;
     }
     return border;
@@ -1920,23 +1904,22 @@ static int itn__best_border(const itn__box *box, const int *triangles) {
 /* Sorts a child's references in two parts; returns how many come first. */
 static int itn__partition(itn__reference *references, const itn__child *child, int depth) {
     const float *centres = child->centres.bound;
-    int count = child->range.count, triangles[ITN__BINS] = {0}, axis = 0, border, left = 0, i;
+    int count = child->range.count, triangles[ITN__BINS] = {0}, axis = 0, left = 0;
     itn__box box[ITN__BINS];
-    float scale;
-    for (i = 1; i < 3; i++)
+    for (int i = 1; i < 3; i++)
         if (-centres[i + 4] - centres[i] > -centres[axis + 4] - centres[axis]) axis = i;
-    scale = (float)ITN__BINS / (-centres[axis + 4] - centres[axis]);
+    float scale = (float)ITN__BINS / (-centres[axis + 4] - centres[axis]);
     if (depth >= ITN__SAH_DEPTH || !(scale > 0 && itn__finite(scale)))
         return count / 2; /* or centres are equal, or too far apart */
-    for (i = 0; i < ITN__BINS; i++) box[i] = itn__box_empty();
-    for (i = 0; i < count; i++) {
+    for (int i = 0; i < ITN__BINS; i++) box[i] = itn__box_empty();
+    for (int i = 0; i < count; i++) {
         int bin = itn__bin_of(&references[i].box, axis, centres[axis], scale);
         itn__box_add(&box[bin], &references[i].box);
         triangles[bin]++;
     }
-    border = itn__best_border(box, triangles);
+    int border = itn__best_border(box, triangles);
     if (!border) return count / 2;
-    for (i = 0; i < count; i++) { /* references[left ... i-1] are right ones; no branch to guess */
+    for (int i = 0; i < count; i++) { /* references[left ... i-1] are right ones; no branch */
         itn__reference moved = references[i];
         references[i] = references[left];
         references[left] = moved;
@@ -1948,13 +1931,12 @@ static int itn__partition(itn__reference *references, const itn__child *child, i
 /* A child of some references. */
 static itn__child itn__make_child(const itn__build *build, int first, int count) {
     itn__child child;
-    int i, k;
     child.range.first = first, child.range.count = count;
     child.box = child.centres = itn__box_empty();
-    for (i = first; i < first + count; i++) {
+    for (int i = first; i < first + count; i++) {
         const itn__box *box = &build->references[i].box;
         itn__box centre;
-        for (k = 0; k < 8; k++)
+        for (int k = 0; k < 8; k++)
             centre.bound[k] = .5f * box->bound[k] - .5f * box->bound[(k + 4) % 8];
         itn__box_add(&child.centres, &centre);
         itn__box_add(&child.box, box);
@@ -1967,20 +1949,18 @@ static itn__child itn__make_child(const itn__build *build, int first, int count)
    they have. */
 static void itn__grow(void *task, int index) {
     itn__build *build = (itn__build *)task;
-    int number = build->first + index, count = 1, next, i, k;
+    int number = build->first + index, count = 1, next, i;
     itn__node *node = &build->bvh->nodes[number];
     itn__child children[ITN__WIDE];
     children[0] = itn__make_child(build, build->nodes[number].first, build->nodes[number].count);
     while (count < ITN__WIDE) {
-        itn__child cut;
-        int left;
         for (i = 0, next = -1; i < count; i++)
             if (children[i].range.count > ITN__PACK &&
                 (next < 0 || children[i].area > children[next].area))
                 next = i;
         if (next < 0) break;
-        cut = children[next];
-        left = itn__partition(build->references + cut.range.first, &cut, build->depth);
+        itn__child cut = children[next];
+        int left = itn__partition(build->references + cut.range.first, &cut, build->depth);
         memmove(children + next + 1, children + next, (size_t)(count++ - next) * sizeof *children);
         children[next] = itn__make_child(build, cut.range.first, left);
         children[next + 1] = itn__make_child(build, cut.range.first + left, cut.range.count - left);
@@ -1988,7 +1968,7 @@ static void itn__grow(void *task, int index) {
     for (i = 0; i < ITN__WIDE; i++) {
         itn__box box = i < count ? children[i].box : itn__box_empty();
         node->child[i] = i < count ? children[i].range.count : 0;
-        for (k = 0; k < 3; k++)
+        for (int k = 0; k < 3; k++)
             node->bounds[k][i] = box.bound[k], node->bounds[k + 3][i] = -box.bound[k + 4];
     }
 }
@@ -1998,8 +1978,7 @@ static void itn__number_children(itn__build *build, int number) {
     itn_bvh *bvh = build->bvh;
     itn__range range = build->nodes[number];
     int32_t *child = bvh->nodes[number].child;
-    int i;
-    for (i = 0; i < ITN__WIDE; i++, range.first += range.count) {
+    for (int i = 0; i < ITN__WIDE; i++, range.first += range.count) {
         range.count = child[i];
         if (range.count > ITN__PACK) {
             child[i] = bvh->node_count++;
@@ -2015,15 +1994,13 @@ static void itn__fill_leaf(void *task, int index) {
     itn__build *build = (itn__build *)task;
     itn__range range = build->leaves[index];
     int32_t numbers[ITN__PACK];
-    int k;
-    for (k = 0; k < range.count; k++) numbers[k] = build->references[range.first + k].index;
+    for (int k = 0; k < range.count; k++) numbers[k] = build->references[range.first + k].index;
     itn__pack_fill(&build->bvh->packs[index], build->bvh->triangles, numbers, range.count);
 }
 
 ITN_API void itn_bvh_free(itn_bvh *bvh) {
-    itn_context context;
     if (!bvh) return;
-    context = bvh->context;
+    itn_context context = bvh->context;
     itn__free(&context, bvh->triangles);
     itn__free(&context, bvh->pack_memory);
     itn__free(&context, bvh->node_memory);
@@ -2047,10 +2024,10 @@ static void *itn__allocate_aligned(const itn_context *context, size_t count, siz
 static int itn__grow_tree(itn__build *build) {
     itn_bvh *bvh = build->bvh;
     itn__box all = itn__box_empty();
-    int end = 0, i, k;
-    for (i = 0; i < bvh->triangle_count; i++) {
+    int end = 0;
+    for (int i = 0; i < bvh->triangle_count; i++) {
         itn__box box = itn__box_empty();
-        for (k = 0; k < 9; k++) {
+        for (int k = 0; k < 9; k++) {
             float x = bvh->triangles[i].corner[k / 3][k % 3];
             box.bound[k % 3] = itn__min(box.bound[k % 3], x);
             box.bound[k % 3 + 4] = itn__min(box.bound[k % 3 + 4], -x);
@@ -2066,7 +2043,7 @@ static int itn__grow_tree(itn__build *build) {
     for (; end < bvh->node_count; build->depth++) {
         build->first = end, end = bvh->node_count;
         itn__parallel_for(&bvh->context, end - build->first, itn__grow, build);
-        for (i = build->first; i < end; i++) itn__number_children(build, i);
+        for (int i = build->first; i < end; i++) itn__number_children(build, i);
     }
     bvh->packs = (itn__pack *)itn__allocate_aligned(&bvh->context, (size_t)bvh->leaf_count,
                                                     sizeof(itn__pack), &bvh->pack_memory);
@@ -2092,14 +2069,14 @@ static itn_result itn__bvh_build(itn_bvh *bvh, itn_error *error) {
     size_t count = (size_t)bvh->triangle_count;
     size_t nodes = count / (ITN__WIDE - 1) + count / ITN__PACK + 1; /* at most */
     itn__build build = ITN_ZERO;
-    int made;
     build.bvh = bvh;
     bvh->nodes = (itn__node *)itn__allocate_aligned(context, nodes, sizeof(itn__node),
                                                     &bvh->node_memory);
     build.references = ITN__NEW(itn__reference, context, count);
     build.nodes = ITN__NEW(itn__range, context, nodes);
     build.leaves = ITN__NEW(itn__range, context, count + 1);
-    made = bvh->nodes && build.references && build.nodes && build.leaves && itn__grow_tree(&build);
+    int made =
+        bvh->nodes && build.references && build.nodes && build.leaves && itn__grow_tree(&build);
     itn__free(context, build.leaves);
     itn__free(context, build.nodes);
     itn__free(context, build.references);
@@ -2134,12 +2111,10 @@ static void itn__slabs_make(itn__slabs *s, const itn_bvh *bvh, const itn_ray *ra
     itn_vec3 above = itn__sub(bvh->upper, ray->origin), below = itn__sub(ray->origin, bvh->lower);
     float size = itn__max(itn__max(itn__max(above.x, below.x), itn__max(above.y, below.y)),
                           itn__max(above.z, below.z));
-    int k;
-    for (k = 0; k < 3; k++) {
+    for (int k = 0; k < 3; k++) {
         float margin = 8 * FLT_EPSILON * size + FLT_EPSILON * fabsf(origin[k]) + FLT_MIN;
-        int back;
         s->inverse[k] = 1 / direction[k];
-        back = s->inverse[k] < 0 ? 3 : 0;
+        int back = s->inverse[k] < 0 ? 3 : 0;
         margin = copysignf(margin, s->inverse[k]);
         s->origin_first[k] = origin[k] + margin;
         s->origin_last[k] = origin[k] - margin;
@@ -2154,8 +2129,8 @@ static void itn__slabs_make(itn__slabs *s, const itn_bvh *bvh, const itn_ray *ra
 ITN__INLINE unsigned itn__slabs_enter(const itn__slabs *s, const itn__node *node,
                                       float enter[ITN__WIDE]) {
     unsigned missed = 0;
-    int from, k;
-    for (from = 0; from < ITN__WIDE; from += ITN__LANES) {
+    int k;
+    for (int from = 0; from < ITN__WIDE; from += ITN__LANES) {
         itn__floats in = itn__splat(s->start), out = itn__splat(s->end);
         ITN__UNROLL
         for (k = 0; k < 3; k++) {
@@ -2183,11 +2158,11 @@ ITN__INLINE int itn__descend(const itn_bvh *bvh, const itn__slabs *s, itn__visit
     const itn__node *node = &bvh->nodes[*child];
     float enter[ITN__WIDE];
     unsigned entered = itn__slabs_enter(s, node, enter);
-    int nearest, further, k;
+    int further;
     if (!entered) return 0;
-    nearest = itn__lowest_bit(entered);
+    int nearest = itn__lowest_bit(entered);
     while (entered &= entered - 1) {
-        k = itn__lowest_bit(entered);
+        int k = itn__lowest_bit(entered);
         further = enter[k] < enter[nearest] ? nearest : k, nearest = nearest + k - further;
         stack[*top].enter = enter[further], stack[*top].child = node->child[further];
         ++*top;
@@ -2361,13 +2336,13 @@ static itn__num itn__hg(itn__num g, itn__floats x, itn__floats y) {
    the cosines of the angles. */
 static itn__vectors itn__sample_hg(itn__vectors direction, itn__floats g, itn__floats u,
                                    itn__floats v, itn__floats *x, itn__floats *y) {
-    itn__floats below = (1 - g) * (1 - u), above = (1 + g) * u, sine, sin_phi, cos_phi, cosine;
+    itn__floats below = (1 - g) * (1 - u), above = (1 + g) * u, sin_phi, cos_phi;
     itn__floats inverse = 1 / (below + above), scale = 2 * inverse * inverse;
     itn__vectors s, t;
     *x = itn__least(scale * below * ((1 - g) * ((1 - u) + above)), itn__splat(2));
     *y = itn__least(scale * above * ((1 + g) * (u + below)), itn__splat(2));
-    sine = itn__root(*x * *y);
-    cosine = itn__select(itn__less(*x, itn__splat(1)), 1 - *x, *y - 1);
+    itn__floats sine = itn__root(*x * *y);
+    itn__floats cosine = itn__select(itn__less(*x, itn__splat(1)), 1 - *x, *y - 1);
     itn__vsincos_turns(v, &sin_phi, &cos_phi);
     itn__vframe(direction, &s, &t);
     return itn__vnormalize(itn__vto_world(
@@ -2447,15 +2422,14 @@ ITN__INLINE itn__num itn__site_value(const itn__site *site, int parameter) {
 /* Fresnel reflectance for unpolarised light; cos_t receives the cosine of the refracted ray. Total
    internal reflection is F = 1 with cos_t = 0. */
 ITN__INLINE itn__num itn__fresnel(itn__num cos_i, itn__num eta, itn__num *cos_t) {
-    itn__num one = itn__constant(itn__splat(1)), none = itn__constant(itn__splat(0)), sin2, s, p;
-    itn__num eta_cos_i = itn__nmul(eta, cos_i), eta_cos_t;
-    itn__ints refracts;
-    sin2 = itn__ndiv(itn__nsub(one, itn__nsquare(cos_i)), itn__nsquare(eta));
-    refracts = itn__less(sin2.v, one.v);
+    itn__num one = itn__constant(itn__splat(1)), none = itn__constant(itn__splat(0));
+    itn__num eta_cos_i = itn__nmul(eta, cos_i);
+    itn__num sin2 = itn__ndiv(itn__nsub(one, itn__nsquare(cos_i)), itn__nsquare(eta));
+    itn__ints refracts = itn__less(sin2.v, one.v);
     *cos_t = itn__nselect(refracts, itn__nroot(itn__nsub(one, sin2)), none);
-    eta_cos_t = itn__nmul(eta, *cos_t);
-    s = itn__ndiv(itn__nsub(cos_i, eta_cos_t), itn__nadd(cos_i, eta_cos_t));
-    p = itn__ndiv(itn__nsub(eta_cos_i, *cos_t), itn__nadd(eta_cos_i, *cos_t));
+    itn__num eta_cos_t = itn__nmul(eta, *cos_t);
+    itn__num s = itn__ndiv(itn__nsub(cos_i, eta_cos_t), itn__nadd(cos_i, eta_cos_t));
+    itn__num p = itn__ndiv(itn__nsub(eta_cos_i, *cos_t), itn__nadd(eta_cos_i, *cos_t));
     s = itn__nscale(itn__nadd(itn__nsquare(s), itn__nsquare(p)), itn__splat(.5f));
     return itn__nselect(refracts, s, one);
 }
@@ -2476,8 +2450,8 @@ ITN__INLINE itn__num itn__smith(itn__vectors w, itn__num alpha) {
 
 /* Density of facets with normal m. */
 ITN__INLINE itn__num itn__ggx(const itn__num m[3], itn__num alpha) {
-    itn__num alpha2 = itn__nsquare(alpha), e;
-    e = itn__ndiv(itn__nadd(itn__nsquare(m[0]), itn__nsquare(m[1])), alpha2);
+    itn__num alpha2 = itn__nsquare(alpha);
+    itn__num e = itn__ndiv(itn__nadd(itn__nsquare(m[0]), itn__nsquare(m[1])), alpha2);
     e = itn__nadd(e, itn__nsquare(m[2]));
     return itn__ndiv(itn__constant(itn__splat(1 / ITN__PI)), itn__nmul(alpha2, itn__nsquare(e)));
 }
@@ -2492,14 +2466,14 @@ ITN__INLINE itn__num itn__ndot(const itn__num m[3], itn__vectors w) {
    (or NULL) where it is known. */
 ITN__INLINE itn__ints itn__facet(itn__vectors i, itn__vectors o, const itn__vectors *drawn,
                                  itn__num eta, itn__num m[3]) {
-    itn__floats zero = itn__splat(0), one = itn__splat(1), length, scale, cosine, turn;
+    itn__floats zero = itn__splat(0), one = itn__splat(1), length;
     itn__ints good, reflects = itn__less(zero, o.z);
-    itn__vectors h = itn__valong(i, itn__select(reflects, one, eta.v), o), n;
+    itn__vectors h = itn__valong(i, itn__select(reflects, one, eta.v), o);
     length = itn__root(itn__vdot(h, h)), good = itn__less(zero, length);
-    scale = itn__with_sign(1 / itn__select(good, length, one), h.z);
-    n = drawn ? *drawn : itn__vscale(h, scale);
+    itn__floats scale = itn__with_sign(1 / itn__select(good, length, one), h.z);
+    itn__vectors n = drawn ? *drawn : itn__vscale(h, scale);
     /* dm/deta: the part of o across m, over the length of h */
-    cosine = itn__vdot(n, o), turn = itn__select(reflects, zero, scale) * eta.d;
+    itn__floats cosine = itn__vdot(n, o), turn = itn__select(reflects, zero, scale) * eta.d;
     m[0] = itn__num_of(n.x, turn * (o.x - cosine * n.x));
     m[1] = itn__num_of(n.y, turn * (o.y - cosine * n.y));
     m[2] = itn__num_of(n.z, turn * (o.z - cosine * n.z));
@@ -2512,17 +2486,17 @@ static itn__num itn__rough(const itn__vectors *i, const itn__vectors *o,
                            const itn__vectors *drawn, const itn__num *alpha, const itn__num *eta,
                            itn__floats *pdf) {
     itn__floats zero = itn__splat(0);
-    itn__num one = itn__constant(itn__splat(1)), m[3], cos_i, cos_o, cos_t, fresnel, sent, root, f;
+    itn__num one = itn__constant(itn__splat(1)), m[3], cos_t;
     itn__ints good = itn__facet(*i, *o, drawn, *eta, m);
     good &= itn__less(zero, i->z);
-    cos_i = itn__ndot(m, *i), cos_o = itn__ndot(m, *o);
-    fresnel = itn__fresnel(cos_i, *eta, &cos_t);
-    root = itn__nadd(cos_i, itn__nmul(*eta, cos_o));
-    sent = itn__ndiv(itn__nsquare(*eta), itn__nsquare(root));
+    itn__num cos_i = itn__ndot(m, *i), cos_o = itn__ndot(m, *o);
+    itn__num fresnel = itn__fresnel(cos_i, *eta, &cos_t);
+    itn__num root = itn__nadd(cos_i, itn__nmul(*eta, cos_o));
+    itn__num sent = itn__ndiv(itn__nsquare(*eta), itn__nsquare(root));
     sent = itn__nmul(sent, itn__nmul(itn__nscale(cos_i, itn__splat(-1)), cos_o)); /* cos_o < 0 */
     sent = itn__nmul(sent, itn__nsub(one, fresnel));
     sent = itn__nselect(itn__less(zero, o->z), itn__nscale(fresnel, itn__splat(.25f)), sent);
-    f = itn__nmul(itn__ggx(m, *alpha), itn__smith(*i, *alpha));
+    itn__num f = itn__nmul(itn__ggx(m, *alpha), itn__smith(*i, *alpha));
     f = itn__nscale(itn__nmul(f, sent), 1 / i->z);
     *pdf = f.v, f = itn__nmul(f, itn__smith(*o, *alpha));
     good &= itn__less(zero, f.v);
@@ -2534,21 +2508,22 @@ static itn__num itn__rough(const itn__vectors *i, const itn__vectors *o,
    round by stretching, shows to i (Heitz 2018). alpha 0, a smooth boundary, has one facet. */
 static itn__vectors itn__sample_facet(const itn__vectors *i, itn__floats alpha, itn__floats u,
                                       itn__floats v) {
-    itn__floats zero = itn__splat(0), one = itn__splat(1), r = itn__root(u), x, y, across, lit;
-    itn__ints rough = itn__less(zero, alpha), tilted;
-    itn__vectors w, s, t, m;
+    itn__floats zero = itn__splat(0), one = itn__splat(1), r = itn__root(u), x, y;
+    itn__ints rough = itn__less(zero, alpha);
     alpha = itn__select(rough, alpha, one);
-    w = itn__vnormalize(itn__vectors_of(alpha * i->x, alpha * i->y, i->z));
+    itn__vectors w = itn__vnormalize(itn__vectors_of(alpha * i->x, alpha * i->y, i->z));
     itn__vsincos_turns(v, &y, &x);
     x = r * x, y = r * y;
-    across = w.x * w.x + w.y * w.y, lit = .5f * (1 + w.z);
-    tilted = itn__less(zero, across);
+    itn__floats across = w.x * w.x + w.y * w.y, lit = .5f * (1 + w.z);
+    itn__ints tilted = itn__less(zero, across);
     across = 1 / itn__root(itn__select(tilted, across, one));
-    s = itn__vectors_of(itn__select(tilted, -w.y * across, one),
-                        itn__select(tilted, w.x * across, zero), zero);
-    t = itn__vectors_of(w.y * s.z - w.z * s.y, w.z * s.x - w.x * s.z, w.x * s.y - w.y * s.x);
+    itn__vectors s = itn__vectors_of(itn__select(tilted, -w.y * across, one),
+                                     itn__select(tilted, w.x * across, zero), zero);
+    itn__vectors t =
+        itn__vectors_of(w.y * s.z - w.z * s.y, w.z * s.x - w.x * s.z, w.x * s.y - w.y * s.x);
     y = (1 - lit) * itn__safe_root(1 - x * x) + lit * y;
-    m = itn__vto_world(itn__vectors_of(x, y, itn__safe_root(1 - x * x - y * y)), s, t, w);
+    itn__vectors m =
+        itn__vto_world(itn__vectors_of(x, y, itn__safe_root(1 - x * x - y * y)), s, t, w);
     m = itn__vnormalize(itn__vectors_of(alpha * m.x, alpha * m.y, itn__most(m.z, zero)));
     return itn__vselect(rough, m, itn__vectors_of(zero, zero, one));
 }
@@ -2567,12 +2542,11 @@ static itn__ints itn__sample_dielectric(const itn__vectors *i, const itn__vector
 
 static void itn__dielectric_eval(const itn__site *site, const itn__vectors *o, itn__num f[3],
                                  itn__floats *pdf) {
-    itn__num alpha;
     if (site->smooth) {
         *pdf = itn__splat(site->drawn ? INFINITY : 0);
         f[0] = itn__constant(itn__splat(site->drawn));
     } else {
-        alpha = itn__site_value(site, site->surface->alpha);
+        itn__num alpha = itn__site_value(site, site->surface->alpha);
         f[0] = itn__rough(&site->i, o, site->drawn ? &site->facet : NULL, &alpha, &site->eta, pdf);
     }
     f[1] = f[2] = f[0];
@@ -2588,20 +2562,20 @@ static itn__ints itn__dielectric_sample(itn__site *site, const itn__floats u[3],
    f_t d omega_o = h(m) dm at the edge times the speed dm_z/deta; m is drawn with density 1/pi. */
 static itn__ints itn__dielectric_edge(const itn__site *site, itn__floats u, itn__vectors *o,
                                       itn__num f[3], itn__floats *pdf) {
-    itn__floats zero = itn__splat(0), eta = site->eta.v, sine, cosine, h, across, speed;
-    itn__num alpha = itn__constant(itn__splat(site->theta[site->surface->alpha])), cos_t, fresnel;
-    itn__vectors i = site->i, m;
+    itn__floats zero = itn__splat(0), eta = site->eta.v, sine, cosine, across;
+    itn__num alpha = itn__constant(itn__splat(site->theta[site->surface->alpha])), cos_t;
+    itn__vectors i = site->i;
     itn__ints good;
     across = itn__root(i.x * i.x + i.y * i.y), good = itn__less(zero, across);
     itn__vsincos_turns(.5f * (u - .5f), &sine, &cosine);
-    m = itn__vscale(itn__vectors_of(i.x * cosine - i.y * sine, i.y * cosine + i.x * sine, zero),
-                    1 / across);
+    itn__vectors m = itn__vscale(
+        itn__vectors_of(i.x * cosine - i.y * sine, i.y * cosine + i.x * sine, zero), 1 / across);
     cosine = itn__vdot(i, m);
-    fresnel = itn__fresnel(itn__constant(cosine), site->eta, &cos_t);
+    itn__num fresnel = itn__fresnel(itn__constant(cosine), site->eta, &cos_t);
     *o = itn__refract(i, m, eta, cos_t.v);
     good &= itn__less(zero, cosine) & itn__less(fresnel.v, itn__splat(1)) & itn__less(o->z, zero);
-    speed = o->z / (cosine - eta * cos_t.v); /* of m_z, m being i + eta o brought to unit length */
-    h = (1 - fresnel.v) * alpha.v * alpha.v / ITN__PI * cosine / i.z;
+    itn__floats speed = o->z / (cosine - eta * cos_t.v); /* of m_z, m = i + eta o, normalized */
+    itn__floats h = (1 - fresnel.v) * alpha.v * alpha.v / ITN__PI * cosine / i.z;
     h = h * itn__smith(i, alpha).v * itn__smith(*o, alpha).v;
     f[0] = f[1] = f[2] = itn__num_of(zero, itn__select(good, h * speed * site->eta.d, zero));
     *pdf = itn__splat(1 / ITN__PI);
@@ -2619,9 +2593,8 @@ static void itn__diffuse_eval(const itn__site *site, const itn__vectors *o, itn_
                               itn__floats *pdf) {
     const itn__surface *s = site->surface;
     itn__floats touched = itn__splat(site->touch && site->seed == site->touch);
-    int c;
     *pdf = itn__most(o->z, itn__splat(0)) / ITN__PI;
-    for (c = 0; c < site->channels; c++) {
+    for (int c = 0; c < site->channels; c++) {
         f[c] = itn__site_value(site, s->reflectance + c);
         if (s->texture == ITN_TEXTURE_CHECKER)
             f[c] = itn__nselect(site->second, itn__site_value(site, s->reflectance2 + c), f[c]);
@@ -2694,8 +2667,7 @@ typedef struct itn__factor {
 
 /* Makes a parameter a seed, if it has a slot (>= 0). */
 static void itn__add_seed(itn__factor *f, int parameter, int slot) {
-    int k;
-    for (k = 0; k < f->count; k++)
+    for (int k = 0; k < f->count; k++)
         if (f->seeds[k] == parameter) return;
     if (slot < 0 || f->count == ITN__SEEDS) return;
     f->seeds[f->count] = parameter, f->slots[f->count++] = slot;
@@ -2722,9 +2694,8 @@ static void itn__site_make(itn__site *site, const itn__surface *surface, const f
    slots[parameter] is the place of each among those asked for, or -1. */
 static void itn__site_seeds(const itn__site *site, const int *slots, itn__factor *f) {
     const itn__surface *s = site->surface;
-    int k;
     f->count = 0;
-    for (k = s->first; k < s->first + s->count; k++) itn__add_seed(f, k, slots[k]);
+    for (int k = s->first; k < s->first + s->count; k++) itn__add_seed(f, k, slots[k]);
     if (site->after >= 0) itn__add_seed(f, site->after, slots[site->after]);
     if (site->before >= 0) itn__add_seed(f, site->before, slots[site->before]);
 }
@@ -2744,13 +2715,13 @@ static void itn__site_factor(itn__site *site, const itn__vectors *o, itn__factor
                              itn__floats *pdf) {
     itn__num value[3];
     itn__floats zero = itn__splat(0), scale = itn__splat(1);
-    int k = f->count ? 0 : -1, c;
+    int k = f->count ? 0 : -1;
     do {
         itn__site_seed(site, k < 0 ? -1 : f->seeds[k]);
         itn__bsdfs[site->surface->type].eval(site, o, value, pdf);
         if (site->drawn && !site->smooth)
             scale = 1 / itn__select(itn__less(zero, *pdf), *pdf, itn__splat(1));
-        for (c = 0; c < site->channels; c++) {
+        for (int c = 0; c < site->channels; c++) {
             f->value[c] = value[c].v * scale;
             if (k >= 0) f->slope[k][c] = value[c].d * scale;
         }
@@ -2876,12 +2847,11 @@ static itn__cells itn__grid_locate(int width, int height, float bottom, const it
     itn__cells cell;
     itn__floats zero = itn__splat(0), one = itn__splat(1);
     itn__floats x = to->u * (float)width - .5f, y = to->v / bottom * (float)(height - 1);
-    itn__ints column, row, next;
     x = itn__most(itn__select(itn__less(x, zero), x + (float)width, x), zero); /* also from NaN */
     y = itn__most(y, zero);
-    column = itn__int_least(itn__to_ints(x), itn__splat_int(width - 1));
-    row = itn__int_least(itn__to_ints(y), itn__splat_int(height - 2));
-    next = (column + 1) & itn__int_less(column, itn__splat_int(width - 1));
+    itn__ints column = itn__int_least(itn__to_ints(x), itn__splat_int(width - 1));
+    itn__ints row = itn__int_least(itn__to_ints(y), itn__splat_int(height - 2));
+    itn__ints next = (column + 1) & itn__int_less(column, itn__splat_int(width - 1));
     cell.left = row * width + column, cell.right = row * width + next, cell.mask = to->mask;
     cell.fx = itn__least(x - itn__to_floats(column), one);
     cell.fy = itn__least(y - itn__to_floats(row), one);
@@ -2891,11 +2861,11 @@ static itn__cells itn__grid_locate(int width, int height, float bottom, const it
 /* The value there, between those of the nodes around; `stride` numbers stand at a node. */
 static itn__floats itn__between(const float *nodes, int width, int stride,
                                 const itn__cells *cell) {
-    itn__floats zero = itn__splat(0), a, b, c, d;
+    itn__floats zero = itn__splat(0);
     itn__ints left = cell->left * stride, right = cell->right * stride, mask = cell->mask;
     const float *below = nodes + (size_t)width * (size_t)stride;
-    a = itn__gather(nodes, left, mask, zero), b = itn__gather(nodes, right, mask, zero);
-    c = itn__gather(below, left, mask, zero), d = itn__gather(below, right, mask, zero);
+    itn__floats a = itn__gather(nodes, left, mask, zero), b = itn__gather(nodes, right, mask, zero);
+    itn__floats c = itn__gather(below, left, mask, zero), d = itn__gather(below, right, mask, zero);
     a = a + cell->fx * (b - a), c = c + cell->fx * (d - c);
     return a + cell->fy * (c - a);
 }
@@ -2904,18 +2874,18 @@ static itn__floats itn__between(const float *nodes, int width, int stride,
    in (0,1), by bisection. *rest receives u's place between its neighbours, uniform in [0,1]. */
 static itn__ints itn__pick(const float *sums, itn__ints first, int count, itn__floats u,
                            itn__floats *rest) {
-    itn__ints all = itn__splat_int(-1), none = itn__splat_int(0), entry = none, next, fits;
-    itn__floats zero = itn__splat(0), one = itn__splat(1), before, width;
+    itn__ints all = itn__splat_int(-1), none = itn__splat_int(0), entry = none;
+    itn__floats zero = itn__splat(0), one = itn__splat(1);
     int step = 1;
     u = u * itn__gather(sums, first + (count - 1), all, one);
     while (step < count) step *= 2;
     for (step /= 2; step; step /= 2) { /* entry: so many are known not to be above */
-        next = entry + step, fits = itn__int_less(next, itn__splat_int(count));
+        itn__ints next = entry + step, fits = itn__int_less(next, itn__splat_int(count));
         fits &= itn__less_equal(itn__gather(sums, first + next - 1, fits, zero), u);
         entry = itn__select_int(fits, next, entry);
     }
-    before = itn__gather(sums, first + entry - 1, itn__int_less(none, entry), zero);
-    width = itn__gather(sums, first + entry, all, zero) - before;
+    itn__floats before = itn__gather(sums, first + entry - 1, itn__int_less(none, entry), zero);
+    itn__floats width = itn__gather(sums, first + entry, all, zero) - before;
     *rest = itn__least(itn__most((u - before) / width, zero), one);
     *rest = itn__select(itn__less(zero, width), *rest, itn__splat(.5f));
     return entry;
@@ -2954,16 +2924,15 @@ static itn__floats itn__grid_pdf(const itn__light *light, const itn__towards *to
 
 static void itn__constant_radiance(const itn__light *light, int channels, const itn__towards *to,
                                    itn__floats rgb[3]) {
-    int k;
     (void)to;
-    for (k = 0; k < channels; k++) rgb[k] = itn__splat(light->radiance[k]);
+    for (int k = 0; k < channels; k++) rgb[k] = itn__splat(light->radiance[k]);
 }
 
 static void itn__map_radiance(const itn__light *light, int channels, const itn__towards *to,
                               itn__floats rgb[3]) {
     itn__cells cell = itn__grid_locate(light->width, light->height, 1, to);
-    int k;
-    for (k = 0; k < channels; k++) rgb[k] = itn__between(light->map + k, light->width, 3, &cell);
+    for (int k = 0; k < channels; k++)
+        rgb[k] = itn__between(light->map + k, light->width, 3, &cell);
 }
 
 /* 1 - cos of the angles from the sun. */
@@ -2977,8 +2946,7 @@ static void itn__sky_radiance(const itn__light *light, int channels, const itn__
     itn__floats x = itn__from_sun(light, to->d), zero = itn__splat(0);
     itn__floats gamma = 2 * itn__vatan2(itn__root(x), itn__root(2 - x)), cos_gamma = 1 - x;
     itn__floats cos2 = cos_gamma * cos_gamma, height = itn__most(to->d.y, zero);
-    int k;
-    for (k = 0; k < 3; k++) {
+    for (int k = 0; k < 3; k++) {
         const float *a = light->sky.coefficients[k];
         itn__floats chord2 = 1 + a[8] * a[8] - 2 * a[8] * cos_gamma;
         itn__floats mie = (1 + cos2) / (chord2 * itn__root(chord2));
@@ -3001,8 +2969,7 @@ static itn__ints itn__in_sun(const itn__light *light, const itn__towards *to) {
 static void itn__sun_radiance(const itn__light *light, int channels, const itn__towards *to,
                               itn__floats rgb[3]) {
     itn__ints in = itn__in_sun(light, to);
-    int k;
-    for (k = 0; k < channels; k++)
+    for (int k = 0; k < channels; k++)
         rgb[k] = itn__select(in, itn__splat(light->radiance[k]), itn__splat(0));
 }
 static void itn__sun_sample(const itn__light *light, itn__floats u, itn__floats v,
@@ -3060,12 +3027,11 @@ static const itn__light_model itn__light_models[] = {
 static void itn__light_radiance(const itn__light *light, int channels, itn_vec3 d, float rgb[3]) {
     itn__towards to;
     itn__floats all[3];
-    int k;
     to.d = itn__splat_vector(d), to.u = to.v = to.sine = itn__splat(0);
     to.mask = itn__bits_mask(1);
     if (light->map) itn__map_coordinates(&to);
     itn__light_models[light->kind].radiance(light, channels, &to, all);
-    for (k = 0; k < channels; k++) rgb[k] = ITN__LANE(all[k], 0);
+    for (int k = 0; k < channels; k++) rgb[k] = ITN__LANE(all[k], 0);
 }
 
 /* ---- [scene] what a scene holds -------------------------------------------------------------- */
@@ -3145,11 +3111,9 @@ static int itn__is_a(const itn_scene *scene, int parameter, char letter) {
 }
 
 ITN_API void itn_scene_free(itn_scene *scene) {
-    itn_context context;
-    int i;
     if (!scene) return;
-    context = scene->context;
-    for (i = 0; scene->kept && i < ITN__KEPT; i++)
+    itn_context context = scene->context;
+    for (int i = 0; scene->kept && i < ITN__KEPT; i++)
         if (scene->kept[i]) ((itn__kept *)scene->kept[i])->release(&context, scene->kept[i]);
     itn_bvh_free(scene->bvh);
     while (scene->blocks) {
@@ -3164,8 +3128,7 @@ ITN_API itn_film_desc itn_scene_film(const itn_scene *scene) { return scene->fil
 
 /* Index of the item of that name (their first field) among `count`, or -1; also of NULL. */
 static int itn__find_name(const char *name, const void *items, size_t stride, int count) {
-    int i;
-    for (i = 0; i < count && name; i++)
+    for (int i = 0; i < count && name; i++)
         if (!strcmp(name, (const char *)items + (size_t)i * stride)) return i;
     return -1;
 }
@@ -3173,12 +3136,12 @@ static int itn__find_name(const char *name, const void *items, size_t stride, in
 ITN_API double itn_scene_thickness(const itn_scene *scene, const float *theta,
                                    const char *medium) {
     double volume = 0, area = 0, sigma_t = 0;
-    int k = itn__find_name(medium, scene->media, sizeof *scene->media, scene->medium_count), i, c;
+    int k = itn__find_name(medium, scene->media, sizeof *scene->media, scene->medium_count), i;
     for (i = 0; i < scene->object_count && k >= 0; i++)
         if (scene->objects[i].medium == k)
             volume += scene->objects[i].volume, area += scene->objects[i].area;
     if (!(area > 0)) return 0;
-    for (c = 0; c < 3; c++) {
+    for (int c = 0; c < 3; c++) {
         i = scene->media[k].sigma_t[c];
         sigma_t += (theta ? theta[i] : scene->parameters[i].value) / 3.;
     }
@@ -3189,22 +3152,22 @@ ITN_API int itn_scene_tissue(const itn_scene *scene, const float *theta, const c
                              int channel, const int *parameters, int count,
                              const double *covariance, itn_tissue *tissue) {
     int m = itn__find_name(medium, scene->media, sizeof *scene->media, scene->medium_count);
-    int at[3], a, b, i, k;
+    int at[3];
     double x[3], variance[3] = {0, 0, 0}, slopes[3][3]; /* of mu_a, mu_s, mu_s' by sigma_t ... g */
     if (m < 0 || channel < 0 || channel >= scene->film.channels) return 0;
     at[0] = scene->media[m].sigma_t[channel], at[1] = scene->media[m].albedo + channel;
     at[2] = scene->media[m].g[channel];
-    for (k = 0; k < 3; k++)
+    for (int k = 0; k < 3; k++)
         x[k] = (double)(theta ? theta[at[k]] : scene->parameters[at[k]].value);
-    for (k = 0; k < 3; k++) {
+    for (int k = 0; k < 3; k++) {
         double rest = k == 2 ? 1 - x[2] : 1; /* mu_s' = mu_s (1 - g) */
         slopes[k][0] = k ? x[1] * rest : 1 - x[1], slopes[k][1] = k ? x[0] * rest : -x[0];
         slopes[k][2] = k == 2 ? -x[0] * x[1] : 0;
     }
-    for (i = 0; i < count * count; i++)
-        for (a = 0; a < 3; a++)
-            for (b = 0; b < 3 && parameters[i / count] == at[a]; b++)
-                for (k = 0; k < 3 && parameters[i % count] == at[b]; k++)
+    for (int i = 0; i < count * count; i++)
+        for (int a = 0; a < 3; a++)
+            for (int b = 0; b < 3 && parameters[i / count] == at[a]; b++)
+                for (int k = 0; k < 3 && parameters[i % count] == at[b]; k++)
                     variance[k] += slopes[k][a] * slopes[k][b] * covariance[i];
     tissue->mu_a = x[0] * (1 - x[1]), tissue->mu_a_error = sqrt(fmax(variance[0], 0));
     tissue->mu_s = x[0] * x[1], tissue->mu_s_error = sqrt(fmax(variance[1], 0));
@@ -3215,15 +3178,15 @@ ITN_API int itn_scene_tissue(const itn_scene *scene, const float *theta, const c
 
 /* Ray through pixel (x, y) for u, v in (0,1). */
 static itn_ray itn__camera_ray(const itn__camera *camera, int x, int y, float u, float v) {
-    float dx = u - .5f, dy = v - .5f, sx, sy;
+    float dx = u - .5f, dy = v - .5f;
     itn_ray ray;
     if (camera->deviation > 0) { /* radius by its inverse distribution */
         float cut = 1 - expf(-8.f), phi = 2 * ITN__PI * v;
         float r = camera->deviation * sqrtf(-2 * logf(1 - cut * u));
         dx = r * cosf(phi), dy = r * sinf(phi);
     }
-    sx = 2 * ((float)x + .5f + dx) / (float)camera->width - 1;
-    sy = 1 - 2 * ((float)y + .5f + dy) / (float)camera->height;
+    float sx = 2 * ((float)x + .5f + dx) / (float)camera->width - 1;
+    float sy = 1 - 2 * ((float)y + .5f + dy) / (float)camera->height;
     ray.origin = camera->eye;
     ray.direction = itn__normalize(
         itn__along(itn__along(camera->forward, sx, camera->right), sy, camera->up));
@@ -3309,18 +3272,17 @@ ITN__INLINE void itn__leave_behind(itn__place *place) {
 static void itn__go_on_to(const itn_scene *scene, itn__place *place, itn_vec3 origin,
                           const itn_hit *hit) {
     float flush = place->sides.flush;
-    itn__plane plane;
     itn__leave_behind(place);
     if (!(flush > 0)) return;
-    plane = itn__plane_of(&scene->bvh->triangles[hit->triangle], origin);
+    itn__plane plane = itn__plane_of(&scene->bvh->triangles[hit->triangle], origin);
     if (fabs(plane.f) <= (double)flush * plane.size) place->sides.flush = flush;
 }
 
 /* Whether a face is among those just gone through. After so many in one point all count as such, as
    there may be faces of one mesh that lead to each other for ever. */
 static int itn__just_crossed(const itn__place *place, const itn_hit *hit) {
-    int known = place->crossed_count >= 64, k;
-    for (k = 0; k < place->crossed_count && k < ITN__MOST_FACES; k++)
+    int known = place->crossed_count >= 64;
+    for (int k = 0; k < place->crossed_count && k < ITN__MOST_FACES; k++)
         known |= place->crossed[k] == 2 * hit->triangle + hit->front;
     return known;
 }
@@ -3334,17 +3296,16 @@ static int itn__next_hit(const itn_scene *scene, itn__place *place, itn_ray *ray
     int masked = 0;
     ray->tmin = -slack;
     for (;;) {
-        int found = itn__bvh_face(scene->bvh, ray, &sides, hit), known;
-        uint64_t bit;
+        int found = itn__bvh_face(scene->bvh, ray, &sides, hit);
         if (masked && !(found && hit->t == at)) { /* none has */
             ray->tmin = at, sides = place->sides, masked = 0;
             continue;
         }
         if (!found) break;
-        known = itn__just_crossed(place, hit);
+        int known = itn__just_crossed(place, hit);
         if (hit->t > slack) itn__go_on_to(scene, place, ray->origin, hit);
         if (!known || hit->t > slack) return 1;
-        bit = itn__object_bit(scene->bvh->triangles[hit->triangle].object);
+        uint64_t bit = itn__object_bit(scene->bvh->triangles[hit->triangle].object);
         sides.front &= ~bit, sides.back &= ~bit, at = hit->t, masked = 1;
     }
     if (ray->tmax > slack) itn__leave_behind(place);
@@ -3374,9 +3335,9 @@ static itn_vec3 itn__passed_point(const itn_bvh *bvh, itn_vec3 origin, itn_vec3 
    Returns 0 if there is none. */
 static int itn__hit_normal(const itn_bvh *bvh, const itn_hit *hit, itn_vec3 direction,
                            itn_vec3 *normal) {
-    double n[3], side;
+    double n[3];
     if (!itn__unit_normal(&bvh->triangles[hit->triangle], n)) return 0;
-    side = n[0] * direction.x + n[1] * direction.y + n[2] * direction.z > 0 ? -1 : 1;
+    double side = n[0] * direction.x + n[1] * direction.y + n[2] * direction.z > 0 ? -1 : 1;
     *normal = itn__vec3((float)(side * n[0]), (float)(side * n[1]), (float)(side * n[2]));
     return 1;
 }
@@ -3398,8 +3359,7 @@ static int itn__same_plane(const itn_scene *scene, const itn__triangle *a, const
                            itn_vec3 point) {
     itn__plane plane = itn__plane_of(b, point);
     double rounding = 0;
-    int k;
-    for (k = 0; k < 18; k++) {
+    for (int k = 0; k < 18; k++) {
         double x = (double)(k < 9 ? a : b)->corner[k / 3 % 3][k % 3];
         double given = fmin(fabs(x + scene->origin[k % 3]), (double)scene->radius);
         rounding = fmax(rounding, fmax(fabs(x), given) * fabs(plane.n[k % 3]));
@@ -3420,9 +3380,8 @@ static void itn__gather_faces(const itn_scene *scene, const itn__place *place, i
     sides.front &= others, sides.back &= others;
     while ((sides.front | sides.back) && event->count < ITN__MOST_FACES) {
         itn_hit other;
-        uint64_t bit;
         if (!itn__bvh_face(scene->bvh, &ray, &sides, &other)) return;
-        bit = itn__object_bit(scene->bvh->triangles[other.triangle].object);
+        uint64_t bit = itn__object_bit(scene->bvh->triangles[other.triangle].object);
         sides.front &= ~bit, sides.back &= ~bit;
         if (!itn__just_crossed(place, &other) &&
             itn__same_plane(scene, triangle, itn__face_triangle(scene, 2 * other.triangle),
@@ -3443,12 +3402,12 @@ static int itn__is_opaque(const itn_scene *scene, int object) {
 static itn__event itn__meet_faces(const itn_scene *scene, const float *theta,
                                   const itn__place *place, const itn_ray *ray,
                                   const itn_hit *hit) {
-    int object = scene->bvh->triangles[hit->triangle].object, refracts, k;
+    int object = scene->bvh->triangles[hit->triangle].object;
     uint64_t others = scene->objects[object].dielectrics;
     float before_ior = itn__ior(scene, theta, place->refracting);
     itn__sides sides = place->sides;
     itn__event event;
-    refracts = scene->objects[object].refracts;
+    int refracts = scene->objects[object].refracts;
     event.object = itn__is_opaque(scene, object) ? object : -1, event.after = place->refracting;
     event.faces[0] = 2 * hit->triangle + hit->front, event.count = refracts;
     if (others) itn__gather_faces(scene, place, *ray, hit, others, &event);
@@ -3457,7 +3416,7 @@ static itn__event itn__meet_faces(const itn_scene *scene, const float *theta,
         return event;
     }
     event.object = -1;
-    for (k = 0; k < event.count; k++) {
+    for (int k = 0; k < event.count; k++) {
         object = itn__face_triangle(scene, event.faces[k])->object;
         itn__change_side(&sides, object);
         if (object > event.object) event.object = object;
@@ -3482,8 +3441,7 @@ static void itn__throw_back(const itn_scene *scene, itn__place *place, const itn
 /* Notes that it goes through all faces of an event at `point`. */
 static void itn__cross_faces(const itn_scene *scene, itn__place *place, const itn__event *event,
                              itn_vec3 point) {
-    int k;
-    for (k = 0; k < event->count; k++) {
+    for (int k = 0; k < event->count; k++) {
         itn__change_side(&place->sides, itn__face_triangle(scene, event->faces[k])->object);
         place->crossed[place->crossed_count++ % ITN__MOST_FACES] = event->faces[k];
     }
@@ -3594,31 +3552,29 @@ ITN__INLINE int itn__slot(const itn__walk *walk, int parameter) {
 /* The factor g[c] in each channel, which depends on parameter[c] alone, its seed. */
 static void itn__factor_make(const itn__walk *walk, const int parameter[3], const itn__num g[3],
                              itn__factor *f) {
-    int c, k;
     f->count = 0;
-    for (c = 0; c < itn__channels(walk); c++) {
+    for (int c = 0; c < itn__channels(walk); c++) {
         itn__add_seed(f, parameter[c], itn__slot(walk, parameter[c]));
         f->value[c] = g[c].v;
     }
-    for (k = 0; k < f->count; k++)
-        for (c = 0; c < itn__channels(walk); c++)
+    for (int k = 0; k < f->count; k++)
+        for (int c = 0; c < itn__channels(walk); c++)
             f->slope[k][c] = f->seeds[k] == parameter[c] ? g[c].d : itn__splat(0);
 }
 
 /* Multiplies a weight by f / pdf. A walk is alone in its lanes: what counts is the first. */
 static void itn__weigh(const itn__walk *walk, itn__weight *weight, const itn__factor *f,
                        float pdf) {
-    int c, k;
-    for (c = 0; c < itn__channels(walk); c++) {
+    for (int c = 0; c < itn__channels(walk); c++) {
         float *score = weight->score + c * walk->score_count, value = ITN__LANE(f->value[c], 0);
         int zero = value < FLT_MIN, was = weight->zero[c]; /* or so small that d f / f overflows */
         int felt = !zero;
-        for (k = 0; k < f->count; k++) felt |= ITN__LANE(f->slope[k][c], 0) != 0;
+        for (int k = 0; k < f->count; k++) felt |= ITN__LANE(f->slope[k][c], 0) != 0;
         weight->beta[c] *= felt && !(zero && was) ? (zero ? 1 : value) / pdf : 0;
         if (was && !zero) continue;
         if (zero && walk->score_count)
             memset(score, 0, (size_t)walk->score_count * sizeof *score);
-        for (k = 0; k < f->count; k++)
+        for (int k = 0; k < f->count; k++)
             score[f->slots[k]] += ITN__LANE(f->slope[k][c], 0) / (zero ? 1 : value);
         weight->zero[c] |= (unsigned char)zero;
     }
@@ -3637,9 +3593,8 @@ static float itn__mixture(const itn__walk *walk, const int parameter[3], const f
 static float itn__weigh_choice(itn__walk *walk, const itn__factor *f, const float pdf[3],
                                const int parameter[3]) {
     float density = itn__mixture(walk, parameter, pdf);
-    int k;
     itn__weigh(walk, &walk->weight, f, density);
-    for (k = 0; k < 3 && itn__is_spectral(parameter); k++) walk->share[k] *= pdf[k] / density;
+    for (int k = 0; k < 3 && itn__is_spectral(parameter); k++) walk->share[k] *= pdf[k] / density;
     return density;
 }
 
@@ -3661,10 +3616,10 @@ static void itn__beside(float x, int count, int repeat, int at[2], float *betwee
 /* The texels around a place x columns to the right and y rows down. */
 static itn__corners itn__corners_at(float x, float y, int width, int height, int rows_repeat) {
     itn__corners corners;
-    int row[2], column[2], k;
+    int row[2], column[2];
     itn__beside(x, width, 1, column, &x);
     itn__beside(y, height, rows_repeat, row, &y);
-    for (k = 0; k < 4; k++) {
+    for (int k = 0; k < 4; k++) {
         corners.at[k] = row[k / 2] * width + column[k % 2];
         corners.share[k] = (k / 2 ? y : 1 - y) * (k % 2 ? x : 1 - x);
     }
@@ -3691,8 +3646,7 @@ static itn__corners itn__texture_corners(const itn__surface *surface, float s, f
 
 /* A path's derivative by texels grows by value times their shares. */
 static void itn__add_texels(itn__texels *texels, int c, const itn__corners *corners, float value) {
-    int k;
-    for (k = 0; k < 4; k++) {
+    for (int k = 0; k < 4; k++) {
         int at = c * texels->count + corners->at[k];
         float part = value * corners->share[k];
         if (!(part > 0)) continue; /* none is negative */
@@ -3705,15 +3659,13 @@ static void itn__add_texels(itn__texels *texels, int c, const itn__corners *corn
 static void itn__site_texture(itn__site *site, int lane, float s, float t) {
     const itn__surface *surface = site->surface;
     float size = surface->checker_size;
-    itn__corners corners;
-    int c, k;
     if (surface->texture == ITN_TEXTURE_CHECKER)
         ITN__LANE(site->second, lane) = -(fmodf(floorf(s / size) + floorf(t / size), 2) != 0);
     if (surface->texture != ITN_TEXTURE_IMAGE) return;
-    corners = itn__texture_corners(surface, s, t);
-    for (c = 0; c < 3; c++) {
+    itn__corners corners = itn__texture_corners(surface, s, t);
+    for (int c = 0; c < 3; c++) {
         float texel = 0;
-        for (k = 0; k < 4; k++)
+        for (int k = 0; k < 4; k++)
             texel += corners.share[k] * surface->texels[3 * (size_t)corners.at[k] + (size_t)c];
         ITN__LANE(site->texel[c], lane) = texel;
     }
@@ -3736,11 +3688,11 @@ static void itn__texture_coordinates(const itn_scene *scene, int object, const i
    scores of the others count twice. */
 static void itn__forget_places(itn__walk *walk) {
     itn__texels *texels = walk->texels;
-    int k, c, kept = 0;
-    for (k = 0; k < texels->place_count; k++) {
+    int kept = 0;
+    for (int k = 0; k < texels->place_count; k++) {
         if (itn__uniform(&walk->rng) < .5f) continue;
         texels->place[kept] = texels->place[k];
-        for (c = 0; c < itn__channels(walk); c++) {
+        for (int c = 0; c < itn__channels(walk); c++) {
             float *score = walk->weight.score + c * walk->score_count + walk->count;
             score[kept] = 2 * score[k];
         }
@@ -3754,11 +3706,11 @@ static void itn__forget_places(itn__walk *walk) {
 static void itn__touch_texture(itn__walk *walk, itn__site *site, float s, float t,
                                itn__factor *f) {
     itn__texels *texels = walk->texels;
-    int k, c;
+    int k;
     if (!texels || texels->texture != site->surface) return;
     while (texels->place_count == ITN__TOUCHES) itn__forget_places(walk);
     k = texels->place_count++, texels->place[k] = itn__texture_corners(site->surface, s, t);
-    for (c = 0; c < itn__channels(walk); c++)
+    for (int c = 0; c < itn__channels(walk); c++)
         walk->weight.score[c * walk->score_count + walk->count + k] = 0;
     site->touch = ITN__TOUCH - k;
     itn__add_seed(f, site->touch, walk->count + k);
@@ -3775,9 +3727,9 @@ static void itn__touch_texture(itn__walk *walk, itn__site *site, float s, float 
 static itn__towards itn__towards_of(const itn_scene *scene, const itn__vectors *d,
                                     itn__ints mask) {
     itn__towards to;
-    int i, grids = 0;
+    int grids = 0;
     to.mask = mask, to.d = *d, to.u = to.v = to.sine = itn__splat(0);
-    for (i = 0; i < scene->light_count; i++) grids |= scene->lights[i].grid.density != NULL;
+    for (int i = 0; i < scene->light_count; i++) grids |= scene->lights[i].grid.density != NULL;
     if (grids) itn__map_coordinates(&to);
     return to;
 }
@@ -3785,8 +3737,7 @@ static itn__towards itn__towards_of(const itn_scene *scene, const itn__vectors *
 /* Density with which itn__draw_lights draws these. */
 static itn__floats itn__lights_density(const itn_scene *scene, const itn__towards *to) {
     itn__floats pdf = itn__splat(0);
-    int i;
-    for (i = 0; i < scene->light_count; i++) {
+    for (int i = 0; i < scene->light_count; i++) {
         const itn__light *light = &scene->lights[i];
         if (light->share > 0) pdf += light->share * itn__light_models[light->kind].pdf(light, to);
     }
@@ -3801,11 +3752,11 @@ static void itn__draw_lights(const itn_scene *scene, const itn__floats u[3], itn
     itn__floats v = itn__select(mask, u[1], half), w = itn__select(mask, u[2], half);
     itn__ints rest = mask;
     itn__towards drawn;
-    int last = scene->light_count - 1, i;
+    int last = scene->light_count - 1;
     to->mask = mask, to->d = itn__splat_vector(itn__vec3(0, 1, 0));
     to->u = to->v = to->sine = itn__splat(0);
     while (last > 0 && !(scene->lights[last].share > 0)) last--; /* takes what rounding leaves */
-    for (i = 0; i <= last; i++) {
+    for (int i = 0; i <= last; i++) {
         const itn__light *light = &scene->lights[i];
         itn__ints chosen = i < last ? rest & itn__less(choice, itn__splat(light->share)) : rest;
         choice -= light->share, rest &= ~chosen;
@@ -3823,11 +3774,11 @@ static void itn__add_light(itn__walk *walk, const itn__weight *weight, int c, fl
                            int parameter) {
     float value = plain * walk->theta[parameter], *derivative = walk->derivative + c;
     const float *score = weight->score + c * walk->score_count;
-    int slot = itn__slot(walk, parameter), k;
+    int slot = itn__slot(walk, parameter);
     if (!weight->zero[c]) walk->radiance[c] += value;
-    for (k = 0; k < walk->count; k++) derivative[k * walk->channels] += value * score[k];
+    for (int k = 0; k < walk->count; k++) derivative[k * walk->channels] += value * score[k];
     if (slot >= 0 && !weight->zero[c]) derivative[slot * walk->channels] += plain;
-    for (k = 0; walk->texels && k < walk->texels->place_count; k++)
+    for (int k = 0; walk->texels && k < walk->texels->place_count; k++)
         itn__add_texels(walk->texels, c, &walk->texels->place[k], value * score[walk->count + k]);
 }
 
@@ -3839,12 +3790,12 @@ ITN__INLINE float itn__exposure(const itn_scene *scene, const float *theta, int 
 /* Adds beta l e: l is a light's radiance in direction d times `mis`, e the exposure. */
 static void itn__contribute(itn__walk *walk, const itn__weight *weight, const itn__light *light,
                             itn_vec3 d, float mis) {
-    int of_map = walk->texels && walk->texels->map == light, c;
+    int of_map = walk->texels && walk->texels->map == light;
     itn__corners corners = ITN_ZERO;
     float rgb[3];
     itn__light_radiance(light, itn__channels(walk), d, rgb);
     if (of_map) corners = itn__map_corners(light, d);
-    for (c = 0; c < itn__channels(walk); c++) {
+    for (int c = 0; c < itn__channels(walk); c++) {
         float carried = weight->beta[c] * mis * itn__exposure(walk->scene, walk->theta, c);
         itn__add_light(walk, weight, c, carried * rgb[c], light->parameter);
         if (of_map && !weight->zero[c])
@@ -3857,10 +3808,10 @@ static int itn__draw_light(itn__walk *walk, itn_vec3 *direction, float *pdf) {
     const itn_scene *scene = walk->scene;
     itn__towards to;
     itn__floats u[3], density;
-    int i = 0, k;
+    int i = 0;
     while (i < scene->light_count && !(scene->lights[i].share > 0)) i++;
     if (i == scene->light_count) return 0;
-    for (k = 0; k < 3; k++) u[k] = itn__splat(itn__uniform(&walk->rng));
+    for (int k = 0; k < 3; k++) u[k] = itn__splat(itn__uniform(&walk->rng));
     itn__draw_lights(scene, u, itn__bits_mask(1), &to, &density);
     *direction = itn__lane_vector(&to.d, 0), *pdf = ITN__LANE(density, 0);
     return *pdf > 0;
@@ -3871,8 +3822,7 @@ static int itn__draw_light(itn__walk *walk, itn_vec3 *direction, float *pdf) {
 static void itn__flight_factor(const itn__walk *walk, const itn__medium *medium, float t,
                                int collided, itn__factor *f) {
     itn__num g[3];
-    int c;
-    for (c = 0; c < itn__channels(walk); c++) {
+    for (int c = 0; c < itn__channels(walk); c++) {
         itn__num sigma_t = itn__variable(itn__splat(walk->theta[medium->sigma_t[c]]));
         g[c] = itn__transmittance(sigma_t, itn__splat(t));
         if (collided) g[c] = itn__nmul(g[c], sigma_t);
@@ -3889,10 +3839,8 @@ static int itn__connect_visible(itn__walk *walk, itn_ray ray) {
         const itn__medium *medium = itn__medium_of(scene, walk->place.inside);
         itn__factor f;
         itn_hit hit;
-        itn__event event;
-        int met;
         ray.tmax = INFINITY;
-        met = itn__next_hit(walk->scene, &walk->place, &ray, &hit);
+        int met = itn__next_hit(walk->scene, &walk->place, &ray, &hit);
         if (!met && !medium) return 1;
         if (!met) hit.t = itn__way_out(scene, ray.origin, ray.direction);
         if (medium) {
@@ -3900,7 +3848,7 @@ static int itn__connect_visible(itn__walk *walk, itn_ray ray) {
             itn__weigh(walk, &walk->connection, &f, 1);
         }
         if (!met) return 1;
-        event = itn__meet_faces(scene, walk->theta, &walk->place, &ray, &hit);
+        itn__event event = itn__meet_faces(scene, walk->theta, &walk->place, &ray, &hit);
         if (event.object >= 0) return 0;
         ray.origin = itn__passed_point(scene->bvh, ray.origin, ray.direction, &hit);
         itn__cross_faces(scene, &walk->place, &event, ray.origin);
@@ -3916,7 +3864,6 @@ static void itn__connect(itn__walk *walk, itn_vec3 origin, itn_vec3 direction,
     const itn_scene *scene = walk->scene;
     itn__place place = walk->place;
     float *score = walk->connection.score;
-    int i, visible;
     itn_ray ray;
     walk->connection = walk->weight, walk->connection.score = score;
     memcpy(score, walk->weight.score,
@@ -3925,9 +3872,9 @@ static void itn__connect(itn__walk *walk, itn_vec3 origin, itn_vec3 direction,
     if (event && through) itn__cross_faces(scene, &walk->place, event, origin);
     else if (event) itn__throw_back(scene, &walk->place, event, origin);
     ray.origin = origin, ray.direction = direction;
-    visible = itn__connect_visible(walk, ray);
+    int visible = itn__connect_visible(walk, ray);
     walk->place = place;
-    for (i = 0; i < scene->light_count && visible; i++)
+    for (int i = 0; i < scene->light_count && visible; i++)
         if (scene->lights[i].share > 0)
             itn__contribute(walk, &walk->connection, &scene->lights[i], direction,
                             light_pdf / (light_pdf + pdf));
@@ -3959,8 +3906,8 @@ static void itn__escape(itn__walk *walk, itn_vec3 direction) {
    quarter per radius, because at sigma_t near 0 the derivative lies in collisions that sigma_t
    itself would never draw. */
 static void itn__collision_rates(const itn__walk *walk, const itn__medium *medium, float rate[3]) {
-    int c, exhausted = walk->max_scatter && walk->scatterings >= walk->max_scatter;
-    for (c = 0; c < 3; c++) {
+    int exhausted = walk->max_scatter && walk->scatterings >= walk->max_scatter;
+    for (int c = 0; c < 3; c++) {
         rate[c] = 0;
         if (!medium || exhausted) continue;
         rate[c] = walk->theta[medium->sigma_t[c]];
@@ -3972,7 +3919,7 @@ static void itn__collision_rates(const itn__walk *walk, const itn__medium *mediu
 /* Multiplies the weight by f / pdf of a flight over t that was drawn at these rates. */
 static void itn__weigh_flight(itn__walk *walk, const itn__medium *medium, const float rate[3],
                               float t, int collided) {
-    int c, spectral = itn__is_spectral(medium->sigma_t);
+    int spectral = itn__is_spectral(medium->sigma_t);
     itn__factor f;
     float pdf[3];
     if (!spectral && rate[0] == walk->theta[medium->sigma_t[0]] &&
@@ -3980,7 +3927,7 @@ static void itn__weigh_flight(itn__walk *walk, const itn__medium *medium, const 
         return; /* f = pdf */
     t = itn__min(t, FLT_MAX);
     itn__flight_factor(walk, medium, t, collided, &f);
-    for (c = 0; c < (spectral ? 3 : 1); c++)
+    for (int c = 0; c < (spectral ? 3 : 1); c++)
         pdf[c] = expf(-rate[c] * t) * (collided ? rate[c] : 1);
     itn__weigh_choice(walk, &f, pdf, medium->sigma_t);
 }
@@ -3990,8 +3937,7 @@ static void itn__weigh_flight(itn__walk *walk, const itn__medium *medium, const 
 static void itn__phase_factor(const itn__walk *walk, const itn__medium *medium, itn__floats x,
                               itn__floats y, itn__factor *f, float pdf[3]) {
     itn__num g[3];
-    int c;
-    for (c = 0; c < itn__channels(walk); c++) {
+    for (int c = 0; c < itn__channels(walk); c++) {
         g[c] = itn__variable(itn__splat(walk->theta[medium->g[c]]));
         g[c] = itn__phases[medium->phase].eval(g[c], x, y);
         pdf[c] = ITN__LANE(g[c].v, 0);
@@ -4001,10 +3947,10 @@ static void itn__phase_factor(const itn__walk *walk, const itn__medium *medium, 
 
 /* Multiplies the path's weight by the albedo. */
 static void itn__weigh_albedo(itn__walk *walk, const itn__medium *medium) {
-    int parameter[3], c;
+    int parameter[3];
     itn__num g[3];
     itn__factor f;
-    for (c = 0; c < itn__channels(walk); c++) {
+    for (int c = 0; c < itn__channels(walk); c++) {
         parameter[c] = medium->albedo + c;
         g[c] = itn__variable(itn__splat(walk->theta[parameter[c]]));
     }
@@ -4016,21 +3962,21 @@ static void itn__weigh_albedo(itn__walk *walk, const itn__medium *medium) {
    the path. */
 static int itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ray) {
     float light_pdf, pdf[3], g = walk->theta[medium->g[walk->place.hero]];
-    itn__vectors d = itn__splat_vector(ray->direction), other;
+    itn__vectors d = itn__splat_vector(ray->direction);
     itn_vec3 direction;
-    itn__floats x, y, u, v;
+    itn__floats x, y;
     itn__factor f;
     walk->collisions++, walk->scatterings++;
     itn__weigh_albedo(walk, medium);
     if (itn__draw_light(walk, &direction, &light_pdf)) {
-        other = itn__splat_vector(direction);
+        itn__vectors other = itn__splat_vector(direction);
         x = itn__vone_minus_cosine(d, other);
         y = itn__vone_minus_cosine(d, itn__vscale(other, itn__splat(-1)));
         itn__phase_factor(walk, medium, x, y, &f, pdf);
         itn__connect(walk, ray->origin, direction, NULL, 0, &f, itn__mixture(walk, medium->g, pdf),
                      light_pdf);
     }
-    u = itn__splat(itn__uniform(&walk->rng)), v = itn__splat(itn__uniform(&walk->rng));
+    itn__floats u = itn__splat(itn__uniform(&walk->rng)), v = itn__splat(itn__uniform(&walk->rng));
     d = itn__phases[medium->phase].sample(d, itn__splat(g), u, v, &x, &y);
     ray->direction = itn__lane_vector(&d, 0);
     itn__phase_factor(walk, medium, x, y, &f, pdf);
@@ -4065,25 +4011,24 @@ static int itn__choose_edge(itn__walk *walk, itn__site *site, itn__factor *f, it
                             int *through) {
     const itn__bsdf *bsdf = &itn__bsdfs[site->surface->type];
     itn__vectors o;
-    itn__floats u, pdf;
+    itn__floats pdf;
     itn__ints good = itn__splat_int(0);
     itn__num g[3];
-    float chosen;
-    int c, k, felt = 0;
-    for (c = 0; c < itn__channels(walk); c++)
+    int felt = 0;
+    for (int c = 0; c < itn__channels(walk); c++)
         felt |= !walk->weight.zero[c] && walk->weight.beta[c] > 0;
     if (itn__slot(walk, site->after) < 0 && itn__slot(walk, site->before) < 0) felt = 0;
     if (site->smooth || !bsdf->edge || !felt) return 0;
-    chosen = .1f / itn__square((float)++walk->boundaries); /* less often at each further boundary */
+    float chosen = .1f / itn__square((float)++walk->boundaries); /* less often at each boundary */
     if (!(itn__uniform(&walk->rng) < chosen)) {
-        for (c = 0; c < itn__channels(walk); c++) walk->weight.beta[c] /= 1 - chosen;
+        for (int c = 0; c < itn__channels(walk); c++) walk->weight.beta[c] /= 1 - chosen;
         return 0;
     }
-    u = itn__splat(itn__uniform(&walk->rng));
-    for (k = 0; k < f->count; k++) {
+    itn__floats u = itn__splat(itn__uniform(&walk->rng));
+    for (int k = 0; k < f->count; k++) {
         itn__site_seed(site, f->seeds[k]);
         good = bsdf->edge(site, u, &o, g, &pdf);
-        for (c = 0; c < itn__channels(walk); c++) f->value[c] = g[c].v, f->slope[k][c] = g[c].d;
+        for (int c = 0; c < itn__channels(walk); c++) f->value[c] = g[c].v, f->slope[k][c] = g[c].d;
     }
     itn__weigh(walk, &walk->weight, f, ITN__LANE(pdf, 0) * chosen);
     o = itn__vto_world(o, site->frame[0], site->frame[1], site->frame[2]);
@@ -4100,9 +4045,9 @@ static int itn__scatter_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hi
     itn_vec3 direction;
     itn__vectors d;
     itn__floats u[3], pdf;
-    itn__ints through, good;
+    itn__ints through;
     float light_pdf;
-    int k, crosses, edge;
+    int crosses;
     itn__site_begin(walk, ray, hit, event, n, &site, &f);
     if (!site.smooth && itn__draw_light(walk, &direction, &light_pdf)) {
         d = itn__splat_vector(direction);
@@ -4111,11 +4056,11 @@ static int itn__scatter_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hi
             itn__connect(walk, ray->origin, direction, event, ITN__LANE(through, 0), &f,
                          ITN__LANE(pdf, 0), light_pdf);
     }
-    edge = itn__choose_edge(walk, &site, &f, &direction, &crosses);
+    int edge = itn__choose_edge(walk, &site, &f, &direction, &crosses);
     if (edge < 0) return 0;
     if (!edge) {
-        for (k = 0; k < 3; k++) u[k] = itn__splat(itn__uniform(&walk->rng));
-        good = itn__bsdf_sample(&site, u, &d, &f, &pdf, &through);
+        for (int k = 0; k < 3; k++) u[k] = itn__splat(itn__uniform(&walk->rng));
+        itn__ints good = itn__bsdf_sample(&site, u, &d, &f, &pdf, &through);
         if (!ITN__LANE(good, 0)) return 0;
         itn__weigh(walk, &walk->weight, &f, 1);
         direction = itn__lane_vector(&d, 0), crosses = ITN__LANE(through, 0);
@@ -4167,16 +4112,14 @@ static uint32_t itn__many_draws(const itn_scene *scene, const float *theta,
                                 const itn__place *place) {
     const itn__medium *medium = itn__medium_of(scene, place->inside);
     float sigma_t = medium ? theta[medium->sigma_t[place->hero]] : 0;
-    int k;
-    for (k = 0; k < 3 * scene->medium_count && !medium && place->refracting < 0; k++)
+    for (int k = 0; k < 3 * scene->medium_count && !medium && place->refracting < 0; k++)
         sigma_t = itn__max(sigma_t, theta[scene->media[k / 3].sigma_t[k % 3]]);
     return itn__many_draws_in(scene, sigma_t);
 }
 
 static int itn__roulette(itn__walk *walk) {
     float largest = 0, survival = 1;
-    int c;
-    for (c = 0; c < itn__channels(walk); c++) largest = itn__max(largest, walk->weight.beta[c]);
+    for (int c = 0; c < itn__channels(walk); c++) largest = itn__max(largest, walk->weight.beta[c]);
     if (walk->steps++ >= walk->sheltered && !(largest >= ITN__ROULETTE * ITN__SAME_WEIGHT))
         survival = largest / ITN__ROULETTE;
     if (walk->rng.dimension > ITN__MANY_DRAWS_CLEAR &&
@@ -4184,7 +4127,7 @@ static int itn__roulette(itn__walk *walk) {
         survival *= 1 - ITN__LATE_LOSS / (float)walk->rng.dimension;
     if (survival >= 1) return 1;
     if (!(itn__uniform(&walk->rng) < survival)) return 0;
-    for (c = 0; c < itn__channels(walk); c++) walk->weight.beta[c] /= survival;
+    for (int c = 0; c < itn__channels(walk); c++) walk->weight.beta[c] /= survival;
     return 1;
 }
 
@@ -4192,10 +4135,10 @@ static int itn__roulette(itn__walk *walk) {
 static void itn__trace_path(itn__walk *walk, itn_ray ray) {
     while (itn__roulette(walk)) {
         const itn__medium *medium = itn__medium_of(walk->scene, walk->place.inside);
-        float rates[3], rate, flight = INFINITY, way = INFINITY;
+        float rates[3], flight = INFINITY, way = INFINITY;
         itn_hit hit;
         itn__collision_rates(walk, medium, rates);
-        rate = rates[walk->place.hero];
+        float rate = rates[walk->place.hero];
         if (rate > 0) {
             itn__floats u = itn__splat(itn__uniform(&walk->rng));
             u = itn__sample_flight(itn__splat(1 / rate), u), flight = ITN__LANE(u, 0);
@@ -4222,8 +4165,6 @@ static void itn__trace_path(itn__walk *walk, itn_ray ray) {
 static itn_ray itn__begin_path(itn__walk *walk, uint64_t seed, int x, int y, int sample) {
     const itn__camera *camera = &walk->scene->camera;
     size_t scores = (size_t)walk->channels * sizeof(float);
-    float u, v;
-    int c;
     uint64_t pixel = (uint64_t)y * (uint64_t)camera->width + (uint64_t)x;
     itn__rng own = itn__rng_make(seed, pixel, UINT64_MAX); /* of the pixel */
     walk->rng = itn__rng_make(seed, pixel, (uint64_t)sample);
@@ -4231,19 +4172,19 @@ static itn_ray itn__begin_path(itn__walk *walk, uint64_t seed, int x, int y, int
     itn__settle(walk->scene, &walk->place);
     walk->place.crossed_count = 0;
     walk->place.hero = walk->scene->spectral ? (int)((own.key0 % 3 + (uint32_t)sample) % 3) : 0;
-    for (c = 0; c < 3; c++) {
+    for (int c = 0; c < 3; c++) {
         walk->weight.beta[c] = 1, walk->weight.zero[c] = 0, walk->radiance[c] = 0;
         walk->share[c] = 1 / 3.f;
     }
     memset(walk->weight.score, 0, scores * (size_t)walk->score_count);
-    for (c = 0; c < walk->channels; c++) {
+    for (int c = 0; c < walk->channels; c++) {
         int exposure = camera->exposure[c], slot = itn__slot(walk, exposure);
         if (slot >= 0) walk->weight.score[c * walk->score_count + slot] = 1 / walk->theta[exposure];
     }
     memset(walk->derivative, 0, scores * (size_t)walk->count);
     if (walk->texels) walk->texels->place_count = 0;
     walk->pdf = INFINITY, walk->steps = walk->scatterings = walk->boundaries = 0;
-    u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
+    float u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
     return itn__camera_ray(camera, x, y, u, v);
 }
 
@@ -4284,8 +4225,8 @@ static void itn__say_word(itn__prose *prose, const char *word, int most) {
 /* An integer, with a point before its last `places` digits. */
 static void itn__say_digits(itn__prose *prose, uint64_t digits, int places) {
     char reversed[48];
-    int n = 0, k;
-    for (k = 0; k <= places || digits; k++, digits /= 10) {
+    int n = 0;
+    for (int k = 0; k <= places || digits; k++, digits /= 10) {
         if (k == places && places > 0) reversed[n++] = '.';
         reversed[n++] = (char)('0' + digits % 10);
     }
@@ -4296,9 +4237,9 @@ static void itn__say_digits(itn__prose *prose, uint64_t digits, int places) {
 static double itn__scale_by_power_of_ten(double value, int64_t exponent) {
     int left = exponent > 400 ? 400 : exponent < -400 ? -400 : (int)exponent;
     while (left) {
-        int step = abs(left) < 22 ? abs(left) : 22, k;
+        int step = abs(left) < 22 ? abs(left) : 22;
         double power = 1; /* exact */
-        for (k = 0; k < step; k++) power *= 10;
+        for (int k = 0; k < step; k++) power *= 10;
         value = left < 0 ? value / power : value * power;
         left -= left < 0 ? -step : step;
     }
@@ -4307,8 +4248,7 @@ static double itn__scale_by_power_of_ten(double value, int64_t exponent) {
 
 /* A number as %f shows it (from 1e15 on as %g), or as %g. */
 static void itn__say_number(itn__prose *prose, double value, int precision, int fixed) {
-    int exponent, places = precision < 0 ? 6 : precision < 15 ? precision : 15;
-    double digits;
+    int places = precision < 0 ? 6 : precision < 15 ? precision : 15;
     if (value < 0) itn__say_char(prose, '-');
     value = fabs(value);
     if (!(value <= DBL_MAX)) {
@@ -4320,8 +4260,8 @@ static void itn__say_number(itn__prose *prose, double value, int precision, int 
         return;
     }
     if (fixed || places < 1) places = fixed ? 15 : 1;
-    exponent = value > 0 ? (int)floor(log10(value)) : 0;
-    digits = rint(itn__scale_by_power_of_ten(value, --places - exponent));
+    int exponent = value > 0 ? (int)floor(log10(value)) : 0;
+    double digits = rint(itn__scale_by_power_of_ten(value, --places - exponent));
     if (digits >= itn__scale_by_power_of_ten(1, places + 1)) digits /= 10, exponent++;
     fixed = exponent >= -4 && exponent <= places;
     if (fixed) places -= exponent;
@@ -4336,7 +4276,7 @@ static void itn__say_number(itn__prose *prose, double value, int precision, int 
 /* Appends text as printf makes it: %s, %c, %d, %f and %g, with a precision or none, and %%. */
 static ITN__COLD void itn__say_list(itn__prose *prose, const char *format, va_list arguments) {
     for (; *format; format++) {
-        int precision = -1, number;
+        int precision = -1;
         if (*format != '%' || *++format == '%') {
             itn__say_char(prose, *format);
             continue;
@@ -4354,7 +4294,7 @@ static ITN__COLD void itn__say_list(itn__prose *prose, const char *format, va_li
         } else if (*format == 'c') {
             itn__say_char(prose, (char)va_arg(arguments, int));
         } else {
-            number = va_arg(arguments, int);
+            int number = va_arg(arguments, int);
             if (number < 0) itn__say_char(prose, '-');
             itn__say_digits(prose, (uint64_t)(number < 0 ? -(int64_t)number : number), 0);
         }
@@ -4379,9 +4319,8 @@ static size_t itn__print_list(char *text, size_t size, const char *format, va_li
 }
 static size_t itn__print(char *text, size_t size, const char *format, ...) {
     va_list arguments;
-    size_t length;
     va_start(arguments, format);
-    length = itn__print_list(text, size, format, arguments);
+    size_t length = itn__print_list(text, size, format, arguments);
     va_end(arguments);
     return length;
 }
@@ -4586,17 +4525,15 @@ ITN__INLINE itn__floats itn__vlog(itn__floats x) {
    reaches beyond the exponents of floats. |error of the polynomial| <= 3.2e-9 e^f; in all below
    1.1 ulp, denormal results included. */
 ITN__INLINE itn__floats itn__vexp(itn__floats x) {
-    itn__floats f, f2, n_log2, sum;
     itn__words twice, half; /* exponents as floats keep them: each factor adds 127 */
-    itn__ints n;
     x = itn__most(itn__splat(-105), x);
     x = itn__least(itn__splat(89), x); /* NaN stays */
-    n = itn__nearest_ints(x * 1.44269504f);
-    n_log2 = itn__to_floats(n);
-    f = (x - n_log2 * .693145752f) - n_log2 * 1.42860677e-6f; /* the first product is exact */
-    f2 = f * f;
-    sum = (.49999994f + .166665211f * f) + f2 * ((.0416682549f + .00836866256f * f) +
-                                                 f2 * .00138214685f);
+    itn__ints n = itn__nearest_ints(x * 1.44269504f);
+    itn__floats n_log2 = itn__to_floats(n);
+    itn__floats f = (x - n_log2 * .693145752f) - n_log2 * 1.42860677e-6f; /* first product exact */
+    itn__floats f2 = f * f;
+    itn__floats sum = (.49999994f + .166665211f * f) + f2 * ((.0416682549f + .00836866256f * f) +
+                                                             f2 * .00138214685f);
     sum = 1 + (f + f2 * sum);
     twice = itn__int_words(n) + 254u, half = twice >> 1;
     sum = sum * itn__bits_float(itn__word_ints(half << 23));
@@ -4622,13 +4559,13 @@ ITN__INLINE void itn__vsincos_turns(itn__floats u, itn__floats *sine, itn__float
 ITN__INLINE itn__floats itn__vatan2(itn__floats y, itn__floats x) {
     static const float c[8] = {-.333331525f,  .199937671f,  -.14211002f,   .106657684f,
                                -.0755165592f, .0432046354f, -.0163631029f, .00291939313f};
-    itn__floats size_x = itn__absolute(x), size_y = itn__absolute(y), a, z, angle;
+    itn__floats size_x = itn__absolute(x), size_y = itn__absolute(y);
     itn__ints steep = itn__less(size_x, size_y);
     itn__floats larger = itn__select(steep, size_y, size_x);
     itn__ints zero = itn__int_equal(itn__float_bits(larger), itn__splat_int(0));
-    a = itn__select(steep, size_x, size_y) / itn__select(zero, itn__splat(1), larger);
-    z = a * a;
-    angle = a + a * z * itn__polynomial8(c, z);
+    itn__floats a = itn__select(steep, size_x, size_y) / itn__select(zero, itn__splat(1), larger);
+    itn__floats z = a * a;
+    itn__floats angle = a + a * z * itn__polynomial8(c, z);
     angle = itn__select(steep, 1.57079637f - (angle + 4.37113883e-8f), angle); /* pi / 2 in two */
     angle = itn__select(itn__float_bits(x) >> 31, 3.14159274f - (angle + 8.74227766e-8f), angle);
     return itn__with_sign(angle, y);
@@ -4664,12 +4601,11 @@ ITN_API itn_result itn_image_create(int width, int height, int plane_count,
                                     itn_error *error) {
     size_t pixels = (size_t)width * (size_t)height;
     itn_image made = ITN_ZERO;
-    itn_result result;
     if (!image || width < 1 || height < 1 || plane_count < 1)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_image_create: image is NULL, or of %d x %d x %d planes one is not "
                          "positive", width, height, plane_count);
-    result = itn__context_check(context, &made.context, error);
+    itn_result result = itn__context_check(context, &made.context, error);
     if (result) return result;
     if (pixels / (size_t)height != (size_t)width || pixels > SIZE_MAX / 8 / (size_t)plane_count)
         return itn__out_of_memory(error, "an image");
@@ -4693,9 +4629,8 @@ ITN_API void itn_image_free(itn_image *image) {
 }
 
 ITN_API float *itn_image_plane(const itn_image *image, const char *name) {
-    int plane;
     if (!image || !name) return NULL;
-    for (plane = 0; plane < image->plane_count; plane++)
+    for (int plane = 0; plane < image->plane_count; plane++)
         if (!strcmp(image->names[plane], name))
             return image->pixels + (size_t)plane * (size_t)image->width * (size_t)image->height;
     return NULL;
@@ -4706,8 +4641,7 @@ ITN_API float *itn_image_plane(const itn_image *image, const char *name) {
    alpha. */
 static int itn__image_colours(const itn_image *image, const float *planes[3]) {
     static const char *const rgb[3] = {"R", "G", "B"};
-    int k;
-    for (k = 0; k < 3; k++) planes[k] = itn_image_plane(image, rgb[k]);
+    for (int k = 0; k < 3; k++) planes[k] = itn_image_plane(image, rgb[k]);
     if (planes[0] && planes[1] && planes[2]) return 1;
     planes[0] = itn_image_plane(image, "Y");
     if (!planes[0] && image->plane_count == 1) planes[0] = image->pixels;
@@ -4761,9 +4695,8 @@ static itn_result itn__mesh_readable(const itn_mesh *mesh, const char *who, itn_
 
 /* Copies a mesh's triangles. */
 static itn_result itn__bvh_load(itn_bvh *bvh, const itn_mesh *mesh, itn_error *error) {
-    int i, k;
-    for (i = 0; i < mesh->triangle_count; i++)
-        for (k = 0; k < 3; k++) {
+    for (int i = 0; i < mesh->triangle_count; i++)
+        for (int k = 0; k < 3; k++) {
             int corner = mesh->triangles[3 * (size_t)i + (size_t)k];
             int there = corner >= 0 && corner < mesh->vertex_count;
             const float *p = mesh->positions + (there ? 3 * (size_t)corner : 0);
@@ -4895,8 +4828,8 @@ static void itn__weigh_triangles(itn__welding *w) {
     const itn_mesh *mesh = w->mesh;
     itn_mesh_report *report = w->report;
     itn_vec3 centre = itn__vec3(0, 0, 0);
-    int i, k, weighed = 0;
-    for (i = 0; i < mesh->triangle_count; i++) {
+    int k, weighed = 0;
+    for (int i = 0; i < mesh->triangle_count; i++) {
         const int *corner = mesh->triangles + 3 * (size_t)i;
         itn__part *part = &w->parts[i];
         itn__triangle triangle;
@@ -4924,20 +4857,19 @@ static void itn__weigh_triangles(itn__welding *w) {
 /* Lists each vertex's uses: counts them, then writes them, which moves the first ones on. */
 static void itn__list_uses(itn__welding *w) {
     const int *corner = w->mesh->triangles;
-    int pass, i, count = 3 * w->mesh->triangle_count;
-    for (pass = 0; pass < 2; pass++) {
-        for (i = 0; i < count; i++) {
-            int from, to, along, *next;
+    int count = 3 * w->mesh->triangle_count;
+    for (int pass = 0; pass < 2; pass++) {
+        for (int i = 0; i < count; i++) {
             if (w->parts[i / 3].other < 0) continue;
-            from = w->weld[corner[i]], to = w->weld[corner[i % 3 < 2 ? i + 1 : i - 2]];
-            along = from < to, next = &w->first[(along ? from : to) + 2 - pass];
+            int from = w->weld[corner[i]], to = w->weld[corner[i % 3 < 2 ? i + 1 : i - 2]];
+            int along = from < to, *next = &w->first[(along ? from : to) + 2 - pass];
             if (pass) {
                 itn__use *use = &w->uses[*next];
                 use->other = along ? to : from, use->triangle = i / 3, use->along = along;
             }
             ++*next;
         }
-        for (i = 2; i < w->mesh->vertex_count + 2 && !pass; i++) w->first[i] += w->first[i - 1];
+        for (int i = 2; i < w->mesh->vertex_count + 2 && !pass; i++) w->first[i] += w->first[i - 1];
     }
 }
 
@@ -4969,8 +4901,8 @@ static int itn__compare_uses(const void *a, const void *b) {
 
 /* Judges edges, vertex by vertex. */
 static void itn__judge_edges(itn__welding *w) {
-    int vertex, i, next, along;
-    for (vertex = i = 0; vertex < w->mesh->vertex_count; vertex++) {
+    int i, next, along;
+    for (int vertex = i = 0; vertex < w->mesh->vertex_count; vertex++) {
         int end = w->first[vertex + 1];
         if (end > i) qsort(w->uses + i, (size_t)(end - i), sizeof *w->uses, itn__compare_uses);
         for (; i < end; i = next) {
@@ -4984,13 +4916,13 @@ static void itn__judge_edges(itn__welding *w) {
 /* Sums up parts, and counts those of negative volume. */
 static void itn__judge_parts(itn__welding *w) {
     itn__part *parts = w->parts;
-    int i, count = w->mesh->triangle_count;
-    for (i = 0; i < count; i++) {
+    int count = w->mesh->triangle_count;
+    for (int i = 0; i < count; i++) {
         itn__part *part = parts[i].other < 0 ? &parts[i] : itn__part_of(parts, i);
         if (part != &parts[i])
             part->volume += parts[i].volume, part->rounding += parts[i].rounding;
     }
-    for (i = 0; i < count; i++)
+    for (int i = 0; i < count; i++)
         w->report->inverted_parts += parts[i].other == i && parts[i].volume < -parts[i].rounding;
     if (fabs(w->report->volume) <= w->rounding) w->report->volume = 0;
 }
@@ -5000,13 +4932,12 @@ ITN_API ITN__COLD itn_result itn_mesh_check(const itn_mesh *mesh, const itn_cont
     itn_context own;
     itn__welding w = ITN_ZERO;
     itn_mesh_report found = ITN_ZERO;
-    size_t vertices, triangles;
     itn_result result = itn__context_check(context, &own, error);
     if (!result) result = itn__mesh_readable(mesh, "itn_mesh_check", error);
     if (result) return result;
     if (!report) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_mesh_check: report is NULL");
     if (mesh->triangle_count > INT_MAX / 3) return itn__out_of_memory(error, "a mesh check");
-    vertices = (size_t)mesh->vertex_count, triangles = (size_t)mesh->triangle_count;
+    size_t vertices = (size_t)mesh->vertex_count, triangles = (size_t)mesh->triangle_count;
     found.first_bad_vertex = found.first_bad_triangle = -1;
     w.mesh = mesh, w.report = &found;
     w.weld = ITN__NEW(int, &own, vertices);
@@ -5121,7 +5052,7 @@ static void itn__write_numbers(const itn__field *field, void *desc, float *n, in
 static int itn__read_numbers(const itn__field *field, void *desc, int channels, float *n) {
     char *at = (char *)desc + field->at, *beside = (char *)desc + field->beside;
     int integer = itn__has_form(field, 'i') || (itn__has_form(field, 'o') && field->at);
-    int optional = field->lower > 0, whole, empty, count = 0;
+    int optional = field->lower > 0, whole, count = 0;
     if (itn__has_form(field, 's')) {
         memcpy(n, beside, 3 * sizeof *n);
         if (n[0] != 0 || n[1] != 0 || n[2] != 0) return 3;
@@ -5132,7 +5063,7 @@ static int itn__read_numbers(const itn__field *field, void *desc, int channels, 
     memcpy(n, at, (size_t)count * sizeof *n);
     if (integer) memcpy(&whole, at, sizeof whole), n[0] = (float)whole;
     if (itn__has_form(field, '?')) memcpy(&whole, beside, sizeof whole), optional = !whole;
-    empty = count > 0 && n[0] == 0 && (count == 1 || (n[1] == 0 && n[2] == 0));
+    int empty = count > 0 && n[0] == 0 && (count == 1 || (n[1] == 0 && n[2] == 0));
     if (!empty || !optional) return count;
     n[0] = field->otherwise;
     itn__write_numbers(field, desc, n, 1);
@@ -5183,16 +5114,16 @@ static int itn__add_parameter(itn__maker *maker, const itn__field *field, int ch
                               float value) {
     static const char *const suffix[4] = {"", "_r", "_g", "_b"};
     itn_scene *scene = maker->scene;
-    int index = scene->parameter_count++, k;
+    int index = scene->parameter_count++;
     itn_parameter *p = &scene->parameters[index];
     itn__source *source = &scene->sources[index];
     itn__print(p->name, sizeof p->name, "%s.%s%s", maker->title, field->name, suffix[channel + 1]);
     p->value = value, p->lower = field->lower, p->upper = field->upper;
     p->transform = field->transform, source->field = field, source->channel = channel;
-    for (k = 0; p->name[k]; k++)
+    for (int k = 0; p->name[k]; k++)
         source->hash = itn__mix64(source->hash +
                                   (unsigned char)(p->name[k] == '.' ? '_' : p->name[k]));
-    for (k = 0; k < index; k++)
+    for (int k = 0; k < index; k++)
         if (scene->sources[k].hash == source->hash)
             ITN__REFUSE("%s and %s would have the same layer name: name the items apart",
                         scene->parameters[k].name, p->name);
@@ -5206,12 +5137,12 @@ static ITN__COLD itn_result itn__take_fields(itn__maker *maker, const itn__field
     for (; field->name; field++) {
         float n[ITN__MOST_NUMBERS];
         int channels = maker->scene->film.channels; /* which are the film's fields, too */
-        int count = itn__read_numbers(field, desc, channels, n), index[3] = {-1, -1, -1}, c;
+        int count = itn__read_numbers(field, desc, channels, n), index[3] = {-1, -1, -1};
         int spectrum = itn__has_form(field, 's'), enters = field->parameter && item;
         char words[100];
         if (spectrum && count > channels)
             return ITN__REFUSE("%s_rgb needs a film with 3 channels", field->name);
-        for (c = 0; c < count; c++) {
+        for (int c = 0; c < count; c++) {
             if (!itn__field_allows(field, n[c], words))
                 return ITN__REFUSE("%s %s", field->name, words);
             if (enters) index[c] = itn__add_parameter(maker, field, count == 3 ? c : -1, n[c]);
@@ -5269,12 +5200,12 @@ static itn_result itn__make_camera(itn__maker *maker) {
     const itn_film_desc *film = &maker->scene->film;
     itn_camera_desc in = maker->desc->camera;
     itn__camera *camera = &maker->scene->camera;
-    itn_vec3 up, right, forward = itn__direction(itn__sub(in.target, in.eye));
+    itn_vec3 forward = itn__direction(itn__sub(in.target, in.eye));
     itn__go_to(maker, ITN__CAMERA, 0);
     if (itn__take_fields(maker, itn__forms[ITN__CAMERA].fields, &in, NULL)) return maker->result;
-    up = itn__direction(in.up);
+    itn_vec3 up = itn__direction(in.up);
     if (up.x == 0 && up.y == 0 && up.z == 0) up.y = 1;
-    right = itn__cross(forward, up);
+    itn_vec3 right = itn__cross(forward, up);
     if (!itn__finite3(forward) || !(itn__length(forward) > 0))
         return ITN__REFUSE("eye and target must be different, and not too far apart");
     if (!(itn__length(right) > 1e-5f)) /* sine of the angle between two unit vectors */
@@ -5302,7 +5233,7 @@ static itn_result itn__make_medium(itn__maker *maker, int index) {
 static itn_result itn__copy_texels(itn__maker *maker, const itn_image *image, float largest,
                                    int *width, int *height, float **texels) {
     const float *planes[3];
-    int i, k, count;
+    int count;
     if (!image || !image->pixels || !image->names || image->plane_count < 1 || image->width < 1 ||
         image->height < 2)
         return ITN__REFUSE("needs an image of at least 1 x 2 pixels");
@@ -5316,9 +5247,9 @@ static itn_result itn__copy_texels(itn__maker *maker, const itn_image *image, fl
     *width = image->width, *height = image->height, count = image->width * image->height;
     *texels = ITN__KEEP(float, 3 * (size_t)count);
     if (!*texels) return maker->result;
-    for (i = 0; i < count; i++) {
+    for (int i = 0; i < count; i++) {
         float *texel = *texels + 3 * (size_t)i;
-        for (k = 0; k < 3; k++) {
+        for (int k = 0; k < 3; k++) {
             texel[k] = planes[k][i];
             if (!(texel[k] >= 0 && texel[k] <= largest))
                 return ITN__REFUSE("image value %g in row %d, column %d is not in [0, %g]",
@@ -5363,19 +5294,18 @@ ITN__INLINE double itn__strength(double radiance, itn_vec3 d) {
    a sky with odd coefficients is not). */
 static int itn__fill_grid(itn__light *light) {
     itn__grid *grid = &light->grid;
-    size_t width = (size_t)grid->width, nodes = width * (size_t)grid->height, i;
+    size_t width = (size_t)grid->width, nodes = width * (size_t)grid->height;
     double size = 2 * (double)(ITN__PI * ITN__PI) * grid->bottom / ((double)nodes - (double)width);
     double sum = 0, square = 0, area = 0;
     float step = grid->bottom / (float)(grid->height - 1), rgb[3];
     float cap = sinf(ITN__PI * step / 3); /* a pole's node stands for the cap around it */
-    for (i = 0; i < nodes; i++) {
+    for (size_t i = 0; i < nodes; i++) {
         float phi = 2 * ITN__PI * ((float)(i % width) + .5f) / (float)width;
         float theta = ITN__PI * step * (float)(i / width), sine = itn__max(sinf(theta), cap);
         itn_vec3 d = itn__vec3(sinf(phi) * sinf(theta), cosf(theta), -cosf(phi) * sinf(theta));
-        double luminance;
         if (light->map) memcpy(rgb, light->map + 3 * i, sizeof rgb);
         else d.y = itn__max(d.y, 0), itn__light_radiance(light, 3, d, rgb);
-        luminance = itn__luminance(rgb);
+        double luminance = itn__luminance(rgb);
         if (!(luminance <= ITN__MAX_RADIANCE)) return 0;
         grid->density[i] = (float)(luminance * sine);
         light->strength += itn__strength(luminance * sine * size, d);
@@ -5388,13 +5318,12 @@ static int itn__fill_grid(itn__light *light) {
 
 /* Makes the tables by which nodes are drawn; the first and the last row have half a tent. */
 static void itn__grid_prepare(itn__grid *grid) {
-    int width = grid->width, height = grid->height, r, c;
+    int width = grid->width, height = grid->height;
     double total = 0;
-    size_t i;
-    for (r = 0; r < height; r++) {
+    for (int r = 0; r < height; r++) {
         size_t first = (size_t)r * (size_t)width;
         double row = 0;
-        for (c = 0; c < width; c++) {
+        for (int c = 0; c < width; c++) {
             row += grid->density[first + (size_t)c];
             grid->nodes[first + (size_t)c] = (float)row;
         }
@@ -5402,7 +5331,7 @@ static void itn__grid_prepare(itn__grid *grid) {
         grid->rows[r] = (float)total;
     }
     total *= grid->bottom / ((double)width * (height - 1));
-    for (i = 0; i < (size_t)width * (size_t)height; i++)
+    for (size_t i = 0; i < (size_t)width * (size_t)height; i++)
         grid->density[i] = (float)(grid->density[i] / total);
 }
 
@@ -5410,7 +5339,7 @@ static void itn__grid_prepare(itn__grid *grid) {
    the mean keeps every part of a sky, clamped or not, within reach. */
 static itn_result itn__make_grid(itn__maker *maker, itn__light *light, float bottom) {
     itn__grid *grid = &light->grid;
-    size_t nodes = (size_t)light->width * (size_t)light->height, i;
+    size_t nodes = (size_t)light->width * (size_t)light->height;
     double mean = 0;
     grid->width = light->width, grid->height = light->height, grid->bottom = bottom;
     grid->density = ITN__KEEP(float, 2 * nodes + (size_t)grid->height);
@@ -5418,8 +5347,8 @@ static itn_result itn__make_grid(itn__maker *maker, itn__light *light, float bot
     grid->nodes = grid->density + nodes, grid->rows = grid->nodes + nodes;
     if (!itn__fill_grid(light))
         return ITN__REFUSE("radiance beyond %g", (double)ITN__MAX_RADIANCE);
-    for (i = 0; i < nodes; i++) mean += grid->density[i] / (double)nodes;
-    for (i = 0; i < nodes && light->kind == ITN__LIGHT_SKY; i++)
+    for (size_t i = 0; i < nodes; i++) mean += grid->density[i] / (double)nodes;
+    for (size_t i = 0; i < nodes && light->kind == ITN__LIGHT_SKY; i++)
         grid->density[i] = itn__max(grid->density[i], (float)(1e-3 * mean));
     if (mean > 0) itn__grid_prepare(grid); /* else it is black: never sampled */
     return ITN_OK;
@@ -5428,8 +5357,7 @@ static itn_result itn__make_grid(itn__maker *maker, itn__light *light, float bot
 /* Copies a light's colour; with one channel on the film, its luminance. */
 static void itn__copy_radiance(const itn_scene *scene, const float in[3], int channels,
                                float out[3]) {
-    int c;
-    for (c = 0; c < 3; c++) out[c] = in[c < channels ? c : 0];
+    for (int c = 0; c < 3; c++) out[c] = in[c < channels ? c : 0];
     if (scene->film.channels == 1) out[0] = out[1] = out[2] = itn__luminance(out);
 }
 
@@ -5437,11 +5365,9 @@ static void itn__copy_radiance(const itn_scene *scene, const float in[3], int ch
 static itn_result itn__make_sky(itn__maker *maker, itn_light_desc *in, itn__light *sky,
                                 itn__light *disc) {
     float half = ITN__SUN_RADIUS * (ITN__PI / 180), natural = 2 * itn__square(sinf(half / 2));
-    double solid_angle;
-    int c;
     if (itn__take_fields(maker, itn__forms[ITN__OWN_FORMS - 1].fields, &in->sky, NULL))
         return maker->result;
-    for (c = 0; c < 3; c++)
+    for (int c = 0; c < 3; c++)
         if (!(fabsf(in->sky.coefficients[c][8]) < 1))
             return ITN__REFUSE("the last of the sky's coefficients is not in (-1, 1)");
     if (!(in->sun_direction.y > 0))
@@ -5452,8 +5378,8 @@ static itn_result itn__make_sky(itn__maker *maker, itn_light_desc *in, itn__ligh
     itn__copy_radiance(maker->scene, in->sky.sun_radiance, 3, disc->radiance);
     sky->to_sun = disc->to_sun = itn__direction(in->sun_direction);
     disc->sun_cone = 2 * itn__square(sinf(half * in->sun_radius_scale / 2));
-    for (c = 0; c < 3; c++) disc->radiance[c] *= natural / disc->sun_cone;
-    solid_angle = 2 * (double)ITN__PI * disc->sun_cone;
+    for (int c = 0; c < 3; c++) disc->radiance[c] *= natural / disc->sun_cone;
+    double solid_angle = 2 * (double)ITN__PI * disc->sun_cone;
     disc->power = (float)(solid_angle * itn__luminance(disc->radiance));
     disc->strength = itn__strength((double)disc->power, disc->to_sun);
     disc->breadth = solid_angle / (4 * (double)ITN__PI);
@@ -5491,19 +5417,19 @@ static itn_result itn__make_light(itn__maker *maker, int index) {
    in equal parts, so that a light whose scale is raised from 0 is still found. */
 static void itn__share_lights(itn_scene *scene) {
     double strengths = 0, breadths = 0, sum = 0;
-    int i, sampled = 0;
-    for (i = 0; i < scene->light_count; i++) {
+    int sampled = 0;
+    for (int i = 0; i < scene->light_count; i++) {
         itn__light *light = &scene->lights[i];
         light->strength *= light->share > 0 ? light->share : 1e-30; /* by its scale */
         strengths += light->strength, sampled += light->strength > 0;
         breadths += light->strength > 0 ? light->breadth : 0;
     }
-    for (i = 0; i < scene->light_count; i++) {
+    for (int i = 0; i < scene->light_count; i++) {
         itn__light *light = &scene->lights[i];
         double part = (1 + breadths) * (light->strength / strengths) - light->breadth;
         light->share = light->strength > 0 && part > 0 ? (float)part : 0, sum += light->share;
     }
-    for (i = 0; i < scene->light_count; i++)
+    for (int i = 0; i < scene->light_count; i++)
         if (scene->lights[i].strength > 0)
             scene->lights[i].share = (float)(.95 * scene->lights[i].share / sum + .05 / sampled);
 }
@@ -5524,8 +5450,7 @@ ITN_API int itn_parameter_find(const itn_scene *scene, const char *name) {
 }
 
 ITN_API void itn_parameter_values(const itn_scene *scene, float *theta) {
-    int i;
-    for (i = 0; i < scene->parameter_count; i++) theta[i] = scene->parameters[i].value;
+    for (int i = 0; i < scene->parameter_count; i++) theta[i] = scene->parameters[i].value;
 }
 
 /* The least value that a search gives a parameter: its lower bound, but of an index, whose bound is
@@ -5554,9 +5479,9 @@ ITN_API double itn_parameter_from_coordinate(const itn_parameter *p, double coor
 }
 
 ITN_API double itn_parameter_slope(const itn_parameter *p, double value) {
-    double lower = p->lower, range = (double)p->upper - lower, share;
+    double lower = p->lower, range = (double)p->upper - lower;
     if (p->transform == ITN_LOG) return itn__above_zero(p, value);
-    share = fmin(fmax((value - lower) / range, 1e-7), 1 - 1e-7); /* about that of +-16 */
+    double share = fmin(fmax((value - lower) / range, 1e-7), 1 - 1e-7); /* about that of +-16 */
     return share * (1 - share) * range;
 }
 
@@ -5575,10 +5500,10 @@ static const itn_mesh *itn__object_mesh(const itn_object_desc *in, double matrix
     static const int triangles[6] = {0, 1, 2, 0, 2, 3};
     static const itn_mesh square = {4, 2, (float *)corners, (int *)triangles, NULL,
                                     {NULL, NULL, NULL, NULL, NULL, 0}};
-    int k, given = 0;
-    for (k = 0; k < 12; k++) given |= in->transform[k] != 0;
-    for (k = 0; k < 12; k++) matrix[k] = given ? (double)in->transform[k] : k % 5 == 0;
-    for (k = 0; k < 12 && !in->mesh; k += 4) {
+    int given = 0;
+    for (int k = 0; k < 12; k++) given |= in->transform[k] != 0;
+    for (int k = 0; k < 12; k++) matrix[k] = given ? (double)in->transform[k] : k % 5 == 0;
+    for (int k = 0; k < 12 && !in->mesh; k += 4) {
         matrix[k + 3] += matrix[k + 1] * in->plane_y;
         matrix[k] *= in->half_size, matrix[k + 2] *= in->half_size;
     }
@@ -5593,8 +5518,7 @@ static double itn__determinant(const double m[12]) {
 /* Position of vertex i in scene coordinates. */
 static void itn__place_vertex(const itn_mesh *mesh, const double m[12], int i, double out[3]) {
     const float *p = mesh->positions + 3 * (size_t)i;
-    int k;
-    for (k = 0; k < 3; k++, m += 4) out[k] = m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3];
+    for (int k = 0; k < 3; k++, m += 4) out[k] = m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3];
 }
 
 /* Resolves names and refuses what cannot be, before any geometry is touched. */
@@ -5649,7 +5573,6 @@ static itn_result itn__make_object(itn__maker *maker, int index) {
     itn_mesh_report report = ITN_ZERO;
     double m[12], p[3];
     const itn_mesh *mesh = itn__object_mesh(in, m);
-    int i, k, open;
     itn__go_to(maker, ITN__OBJECT, index);
     if (itn__name_object(maker, in, mesh, m, object)) return maker->result;
     maker->result = itn_mesh_check(mesh, &maker->scene->context, &report, maker->error);
@@ -5659,7 +5582,7 @@ static itn_result itn__make_object(itn__maker *maker, int index) {
                                 "triangles that name missing vertices (first %d)",
                                 report.bad_vertices, report.first_bad_vertex, report.bad_indices,
                                 report.first_bad_triangle);
-    open = report.open_edges || report.flipped_edges;
+    int open = report.open_edges || report.flipped_edges;
     object->closed = !open && report.volume > 0 && (object->solid || !report.inverted_parts);
     if (object->solid && !object->closed && !in->force)
         return itn__not_a_solid(maker, mesh, &report);
@@ -5667,10 +5590,10 @@ static itn_result itn__make_object(itn__maker *maker, int index) {
     object->closed |= object->solid;
     object->mirrored = (itn__determinant(m) < 0) != (object->solid && report.volume < 0);
     object->volume = fabs(report.volume * itn__determinant(m));
-    for (k = 0; k < 3; k++) object->lower[k] = DBL_MAX, object->upper[k] = -DBL_MAX;
-    for (i = 0; i < 3 * mesh->triangle_count; i++) { /* vertices that are in use */
+    for (int k = 0; k < 3; k++) object->lower[k] = DBL_MAX, object->upper[k] = -DBL_MAX;
+    for (int i = 0; i < 3 * mesh->triangle_count; i++) { /* vertices that are in use */
         itn__place_vertex(mesh, m, mesh->triangles[i], p);
-        for (k = 0; k < 3; k++) {
+        for (int k = 0; k < 3; k++) {
             object->lower[k] = fmin(object->lower[k], p[k]);
             object->upper[k] = fmax(object->upper[k], p[k]);
             if (!(fabs(p[k]) < 1e18)) return ITN__REFUSE_MESH("it reaches beyond 1e18");
@@ -5686,27 +5609,27 @@ static itn_result itn__make_origin(itn__maker *maker) {
     itn_scene *scene = maker->scene;
     const itn_vec3 *eye = &maker->desc->camera.eye;
     double lower[3] = {DBL_MAX, DBL_MAX, DBL_MAX}, upper[3] = {-DBL_MAX, -DBL_MAX, -DBL_MAX};
-    double *origin = scene->origin, half[3], distance, reach = 0;
-    int i, k, solids = 0;
-    for (i = 0; i < scene->object_count; i++) solids |= scene->objects[i].solid;
-    for (i = 0; i < scene->object_count; i++)
-        for (k = 0; k < 3 && (scene->objects[i].solid || !solids); k++) {
+    double *origin = scene->origin, half[3], reach = 0;
+    int solids = 0;
+    for (int i = 0; i < scene->object_count; i++) solids |= scene->objects[i].solid;
+    for (int i = 0; i < scene->object_count; i++)
+        for (int k = 0; k < 3 && (scene->objects[i].solid || !solids); k++) {
             lower[k] = fmin(lower[k], scene->objects[i].lower[k]);
             upper[k] = fmax(upper[k], scene->objects[i].upper[k]);
         }
-    for (k = 0; k < 3; k++) {
+    for (int k = 0; k < 3; k++) {
         origin[k] = .5 * (lower[k] + upper[k]), half[k] = .5 * (upper[k] - lower[k]);
-        for (i = 0; i < scene->object_count; i++)
+        for (int i = 0; i < scene->object_count; i++)
             reach = fmax(reach, fmax(origin[k] - scene->objects[i].lower[k],
                                      scene->objects[i].upper[k] - origin[k]));
     }
     scene->radius = (float)sqrt(half[0] * half[0] + half[1] * half[1] + half[2] * half[2]);
-    for (k = 0; k < 3; k++) half[k] += 8 * FLT_EPSILON * (double)scene->radius;
+    for (int k = 0; k < 3; k++) half[k] += 8 * FLT_EPSILON * (double)scene->radius;
     scene->upper = itn__vec3((float)half[0], (float)half[1], (float)half[2]);
     scene->lower = itn__scale(scene->upper, -1);
     scene->camera.eye = itn__vec3((float)(eye->x - origin[0]), (float)(eye->y - origin[1]),
                                   (float)(eye->z - origin[2]));
-    distance = (double)itn__length(scene->camera.eye);
+    double distance = (double)itn__length(scene->camera.eye);
     itn__go_to(maker, -1, 0);
     if (!(scene->radius > 0 && scene->radius < 1e18f))
         return ITN__REFUSE_MESH("the objects have size %g", (double)scene->radius);
@@ -5723,18 +5646,17 @@ static itn_result itn__merge_object(itn__maker *maker, int index) {
     itn__object *object = &scene->objects[index];
     double m[12], p[3];
     const itn_mesh *mesh = itn__object_mesh(&maker->desc->objects[index], m);
-    int i, k;
     itn__triangle *triangle = scene->bvh->triangles + object->first_triangle;
     int textured = mesh->uvs && object->surface >= 0 &&
                    scene->surfaces[object->surface].texture != ITN_TEXTURE_NONE;
     itn__go_to(maker, ITN__OBJECT, index);
     if (textured) object->uvs = ITN__KEEP(float, 6 * (size_t)mesh->triangle_count);
     if (maker->result) return maker->result;
-    for (i = 0; i < 3 * mesh->triangle_count; i++) {
+    for (int i = 0; i < 3 * mesh->triangle_count; i++) {
         int from = object->mirrored && i % 3 ? i / 3 * 3 + 3 - i % 3 : i;
         itn__place_vertex(mesh, m, mesh->triangles[from], p);
-        for (k = 0; k < 3; k++) triangle->corner[i % 3][k] = (float)(p[k] - scene->origin[k]);
-        for (k = 0; k < 2 && textured; k++) {
+        for (int k = 0; k < 3; k++) triangle->corner[i % 3][k] = (float)(p[k] - scene->origin[k]);
+        for (int k = 0; k < 2 && textured; k++) {
             float *uv = &object->uvs[2 * (size_t)i + (size_t)k];
             *uv = mesh->uvs[2 * (size_t)from + (size_t)k];
             if (!(fabsf(*uv) <= 1e6f)) /* larger ones have no digits left */
@@ -5752,16 +5674,16 @@ static itn_result itn__merge_object(itn__maker *maker, int index) {
 static itn_result itn__make_tree(itn__maker *maker) {
     itn_scene *scene = maker->scene;
     double m[12];
-    int i, count = 0;
+    int count = 0;
     itn__go_to(maker, -1, 0);
-    for (i = 0; i < scene->object_count; i++) {
+    for (int i = 0; i < scene->object_count; i++) {
         const itn_mesh *mesh = itn__object_mesh(&maker->desc->objects[i], m);
         if (mesh->triangle_count > INT_MAX / 9 - count) return ITN__REFUSE("too many triangles");
         scene->objects[i].first_triangle = count, count += mesh->triangle_count;
     }
     scene->bvh = itn__bvh_new(&scene->context, count);
     if (!scene->bvh) return itn__refuse(maker, ITN_ERROR_MEMORY, "out of memory");
-    for (i = 0; i < scene->object_count && !maker->result; i++) itn__merge_object(maker, i);
+    for (int i = 0; i < scene->object_count && !maker->result; i++) itn__merge_object(maker, i);
     if (!maker->result) maker->result = itn__bvh_build(scene->bvh, maker->error);
     return maker->result;
 }
@@ -5771,12 +5693,11 @@ static itn_result itn__make_tree(itn__maker *maker) {
 static int itn__camera_inside(const itn_scene *scene, int object) {
     const itn_bvh *bvh = scene->bvh;
     double angle = 0;
-    int i, k;
-    for (i = scene->objects[object].first_triangle;
+    for (int i = scene->objects[object].first_triangle;
          i < bvh->triangle_count && bvh->triangles[i].object == object; i++) {
         itn_vec3 p[3];
         itn__bvh_corners(bvh, i, p);
-        for (k = 0; k < 3; k++) p[k] = itn__direction(itn__sub(p[k], scene->camera.eye));
+        for (int k = 0; k < 3; k++) p[k] = itn__direction(itn__sub(p[k], scene->camera.eye));
         angle += 2 * atan2((double)itn__dot(p[0], itn__cross(p[1], p[2])),
                            1 + (double)(itn__dot(p[0], p[1]) + itn__dot(p[1], p[2]) +
                                         itn__dot(p[2], p[0])));
@@ -5792,10 +5713,10 @@ enum { ITN__TRIED_LINES = 400, ITN__TRIED_CROSSINGS = 256 };
    so many crossings that time grows with the size of a mesh only, however often it is folded. */
 static int itn__is_tangled(const itn_scene *scene, int object, itn_ray line) {
     const float gap = 64 * FLT_EPSILON * scene->radius;
-    int inside = 0, i, k;
-    for (i = 0; i < ITN__TRIED_CROSSINGS; i++) {
+    int inside = 0;
+    for (int i = 0; i < ITN__TRIED_CROSSINGS; i++) {
         float t[2] = {INFINITY, INFINITY}; /* where it next enters, and where it leaves */
-        for (k = 0; k < 2; k++) {
+        for (int k = 0; k < 2; k++) {
             itn__sides sides = ITN_ZERO;
             itn_hit hit;
             *(k ? &sides.back : &sides.front) = itn__object_bit(object);
@@ -5833,12 +5754,12 @@ static itn_ray itn__draw_line(const itn_scene *scene, int triangle, const double
    are where a scanned surface crosses itself a little, which hardly shows. */
 static itn_result itn__check_parts(itn__maker *maker) {
     itn_scene *scene = maker->scene;
-    int i, lines, tangled, triangle = 0;
-    for (i = 0; i < scene->object_count; i++) {
+    int tangled, triangle = 0;
+    for (int i = 0; i < scene->object_count; i++) {
         const itn__object *object = &scene->objects[i];
         itn__rng rng = itn__rng_make(0, (uint64_t)i, 0);
         double n[3], reached = 0;
-        for (lines = tangled = 0; triangle < scene->bvh->triangle_count; triangle++) {
+        for (int lines = tangled = 0; triangle < scene->bvh->triangle_count; triangle++) {
             if (scene->bvh->triangles[triangle].object != i) break;
             if (!object->solid) continue;
             reached += .5 * itn__unit_normal(&scene->bvh->triangles[triangle], n);
@@ -5861,16 +5782,15 @@ static itn_result itn__check_parts(itn__maker *maker) {
    may have faces where it has some. */
 static void itn__make_sides(itn_scene *scene) {
     double margin = 16 * (double)FLT_EPSILON * (double)scene->radius;
-    int i, j, k;
-    for (i = 0; i < scene->object_count; i++) {
+    for (int i = 0; i < scene->object_count; i++) {
         itn__object *a = &scene->objects[i];
         int inside = a->closed && itn__camera_inside(scene, i);
         if (!inside) scene->sides.front |= itn__object_bit(i);
         if (inside || !a->closed) scene->sides.back |= itn__object_bit(i);
-        for (j = 0; j < scene->object_count; j++) {
+        for (int j = 0; j < scene->object_count; j++) {
             const itn__object *b = &scene->objects[j];
             int meet = i != j && a->closed && b->refracts;
-            for (k = 0; k < 3; k++)
+            for (int k = 0; k < 3; k++)
                 meet &= a->lower[k] <= b->upper[k] + margin && b->lower[k] <= a->upper[k] + margin;
             if (meet) a->dielectrics |= itn__object_bit(j);
         }
@@ -5889,8 +5809,8 @@ static itn_result itn__make_arrays(itn__maker *maker) {
                  {"lights", in->lights, in->light_count, 1, ITN__MAX_LIGHTS},
                  {"media", in->media, in->medium_count, 0, ITN__MAX_ITEMS},
                  {"surfaces", in->surfaces, in->surface_count, 0, ITN__MAX_ITEMS}};
-    int k, values = 6;
-    for (k = 0; k < 4; k++) {
+    int values = 6;
+    for (int k = 0; k < 4; k++) {
         if (rows[k].count < rows[k].least || rows[k].count > rows[k].most ||
             (rows[k].count && !rows[k].items))
             return ITN__REFUSE("a scene has %d to %d %s, not %d (or their array is NULL)",
@@ -5913,18 +5833,16 @@ static ITN__COLD itn_result itn__create_scene(itn__maker *maker, const itn_conte
                                               itn_scene **made) {
     const itn_scene_desc *desc = maker->desc;
     itn_context own;
-    itn_scene *scene;
-    int i;
     itn__go_to(maker, -1, 0);
     if (itn__context_check(context, &own, maker->error)) return ITN_ERROR_ARGUMENT;
-    scene = maker->scene = ITN__NEW(itn_scene, &own, 1);
+    itn_scene *scene = maker->scene = ITN__NEW(itn_scene, &own, 1);
     if (!scene) return itn__out_of_memory(maker->error, "a scene");
     scene->context = own;
     if (!itn__make_arrays(maker) && !itn__make_film(maker)) itn__make_camera(maker);
-    for (i = 0; i < desc->medium_count && !maker->result; i++) itn__make_medium(maker, i);
-    for (i = 0; i < desc->surface_count && !maker->result; i++) itn__make_surface(maker, i);
-    for (i = 0; i < desc->light_count && !maker->result; i++) itn__make_light(maker, i);
-    for (i = 0; i < desc->object_count && !maker->result; i++) itn__make_object(maker, i);
+    for (int i = 0; i < desc->medium_count && !maker->result; i++) itn__make_medium(maker, i);
+    for (int i = 0; i < desc->surface_count && !maker->result; i++) itn__make_surface(maker, i);
+    for (int i = 0; i < desc->light_count && !maker->result; i++) itn__make_light(maker, i);
+    for (int i = 0; i < desc->object_count && !maker->result; i++) itn__make_object(maker, i);
     if (!maker->result) itn__go_to(maker, ITN__FILM, 0); /* whose parameters are the last */
     if (!maker->result && !itn__take_fields(maker, itn__forms[ITN__FILM].fields, &scene->film,
                                             &scene->camera) &&
@@ -6156,9 +6074,9 @@ ITN__INLINE int itn__holds_triangles(const itn__voxels *voxels, int cell) {
     return voxels->first[cell + 1] > voxels->first[cell];
 }
 static int itn__on_border(const itn__voxels *voxels, int cell) {
-    int at[3], k, on = 0;
+    int at[3], on = 0;
     itn__cell_place(voxels, cell, at);
-    for (k = 0; k < 3; k++) on |= at[k] == 0 || at[k] == voxels->size[k] - 1;
+    for (int k = 0; k < 3; k++) on |= at[k] == 0 || at[k] == voxels->size[k] - 1;
     return on;
 }
 
@@ -6177,17 +6095,17 @@ static int itn__raster_make(const itn__voxels *voxels, const itn__triangle *tria
                             itn__raster *r) {
     const float origin[3] = {voxels->lower.x, voxels->lower.y, voxels->lower.z};
     float edge[3][3], size = 0; /* coordinates have errors of a few roundings of that */
-    int i, j, k, inside = 1, wide = 0;
-    for (j = 0; j < 3; j++) {
+    int inside = 1, wide = 0;
+    for (int j = 0; j < 3; j++) {
         const float *corner = triangle->corner[j], *next = triangle->corner[(j + 1) % 3];
         inside &= corner[0] != next[0] || corner[1] != next[1] || corner[2] != next[2];
-        for (k = 0; k < 3; k++) {
+        for (int k = 0; k < 3; k++) {
             r->p[j][k] = (corner[k] - origin[k]) * voxels->inverse_cell;
             size = itn__max(size, fabsf(r->p[j][k]));
         }
     }
     r->margin = 1.2f * ITN__CELL_MARGIN + 16 * FLT_EPSILON * size;
-    for (k = 0; k < 3; k++) {
+    for (int k = 0; k < 3; k++) {
         float least = itn__min(r->p[0][k], itn__min(r->p[1][k], r->p[2][k])) - r->margin;
         float most = itn__max(r->p[0][k], itn__max(r->p[1][k], r->p[2][k])) + r->margin;
         float end = (float)voxels->size[k];
@@ -6198,19 +6116,20 @@ static int itn__raster_make(const itn__voxels *voxels, const itn__triangle *tria
     }
     if (!inside || !wide) return inside; /* a triangle within a cell needs none */
     memset(r->axis, 0, sizeof r->axis);
-    for (j = 0; j < 3; j++)
-        for (k = 0; k < 3; k++) edge[j][k] = r->p[(j + 1) % 3][k] - r->p[j][k];
-    for (k = 0; k < 3; k++) {
+    for (int j = 0; j < 3; j++)
+        for (int k = 0; k < 3; k++) edge[j][k] = r->p[(j + 1) % 3][k] - r->p[j][k];
+    for (int k = 0; k < 3; k++) {
         int l = (k + 1) % 3, m = (k + 2) % 3;
         r->axis[k][0] = edge[0][l] * edge[1][m] - edge[0][m] * edge[1][l];
-        for (j = 0; j < 3; j++)
+        for (int j = 0; j < 3; j++)
             r->axis[l][1 + 3 * k + j] = -edge[j][m], r->axis[m][1 + 3 * k + j] = edge[j][l];
     }
-    for (i = 0; i < 16; i += ITN__LANES) {
+    for (int i = 0; i < 16; i += ITN__LANES) {
         itn__floats a[3], x[3], reach = itn__splat(FLT_MIN);
-        for (k = 0; k < 3; k++)
+        for (int k = 0; k < 3; k++)
             a[k] = itn__load(r->axis[k] + i), reach += itn__absolute(a[k]) * (.5f + r->margin);
-        for (j = 0; j < 3; j++) x[j] = a[0] * r->p[j][0] + a[1] * r->p[j][1] + a[2] * r->p[j][2];
+        for (int j = 0; j < 3; j++)
+            x[j] = a[0] * r->p[j][0] + a[1] * r->p[j][1] + a[2] * r->p[j][2];
         itn__store(r->least + i, itn__least(x[0], itn__least(x[1], x[2])) - reach);
         itn__store(r->most + i, itn__most(x[0], itn__most(x[1], x[2])) + reach);
     }
@@ -6222,15 +6141,15 @@ static int itn__raster_make(const itn__voxels *voxels, const itn__triangle *tria
 static int itn__raster_cells(const itn__voxels *voxels, const itn__triangle *triangle,
                              int32_t *cells) {
     itn__raster r;
-    int x, y, z, i, count = 0;
+    int count = 0;
     if (!itn__raster_make(voxels, triangle, &r)) return 0;
     *cells = itn__cell_index(voxels, r.range[0][0], r.range[1][0], r.range[2][0]);
     if (*cells == itn__cell_index(voxels, r.range[0][1], r.range[1][1], r.range[2][1])) return 1;
-    for (z = r.range[2][0]; z <= r.range[2][1]; z++)
-        for (y = r.range[1][0]; y <= r.range[1][1]; y++) {
+    for (int z = r.range[2][0]; z <= r.range[2][1]; z++)
+        for (int y = r.range[1][0]; y <= r.range[1][1]; y++) {
             float first = (float)r.range[0][0] + .5f, last = (float)r.range[0][1] + .5f;
             itn__floats from = itn__splat(first), to = itn__splat(last);
-            for (i = 0; i < 16; i += ITN__LANES) { /* NaN, on a bound, counts as none */
+            for (int i = 0; i < 16; i += ITN__LANES) { /* NaN, on a bound, counts as none */
                 itn__floats rest = itn__load(r.axis[1] + i) * ((float)y + .5f) +
                                    itn__load(r.axis[2] + i) * ((float)z + .5f);
                 itn__floats inverse = 1 / itn__load(r.axis[0] + i);
@@ -6238,11 +6157,12 @@ static int itn__raster_cells(const itn__voxels *voxels, const itn__triangle *tri
                 itn__floats b = (itn__load(r.most + i) - rest) * inverse;
                 from = itn__most(itn__least(a, b), from), to = itn__least(itn__most(a, b), to);
             }
-            for (i = 0; i < ITN__LANES; i++) {
+            for (int i = 0; i < ITN__LANES; i++) {
                 first = itn__max(first, ITN__LANE(from, i));
                 last = itn__min(last, ITN__LANE(to, i));
             }
-            for (x = first <= last ? (int)ceilf(first - .5f) : INT_MAX; (float)x + .5f <= last; x++)
+            for (int x = first <= last ? (int)ceilf(first - .5f) : INT_MAX; (float)x + .5f <= last;
+                 x++)
                 cells[count++] = itn__cell_index(voxels, x, y, z);
         }
     return count;
@@ -6275,10 +6195,10 @@ static void itn__patch_add(const itn__voxel_build *build, const itn__triangle *t
     const itn_vec3 unit = itn__vec3((float)m[0], (float)m[1], (float)m[2]);
     double by_n[3] = {0, 0, 0}, by_m[3] = {0, 0, 0}, wide = itn__across_cell(patch->n, unit);
     double size = 3, chord = 2, scale = 1 / (double)v->cell;
-    int at[3], j, k;
+    int at[3];
     itn__cell_place(v, cell, at);
-    for (j = 0; j < 3; j++)
-        for (k = 0; k < 3; k++) {
+    for (int j = 0; j < 3; j++)
+        for (int k = 0; k < 3; k++) {
             double p = (triangle->corner[j][k] - (lower[k] + (at[k] + .5) * v->cell)) * scale;
             by_n[j] += n[k] * p, by_m[j] += m[k] * p, size += 4 * p * p;
         }
@@ -6294,14 +6214,13 @@ static void itn__patch_add(const itn__voxel_build *build, const itn__triangle *t
 static void itn__enter_triangles(const itn__voxel_build *build, int second) {
     itn__voxels *v = build->voxels;
     const itn_bvh *bvh = build->bvh;
-    int slot, i;
-    for (slot = 0; slot < bvh->leaf_count * ITN__PACK; slot++) {
+    for (int slot = 0; slot < bvh->leaf_count * ITN__PACK; slot++) {
         int leaf = slot / ITN__PACK;
         itn__triangle triangle = itn__pack_triangle(&bvh->packs[leaf], slot % ITN__PACK);
         int count = triangle.index < 0 ? 0 : itn__raster_cells(v, &triangle, build->touched);
         double m[3], area = count ? itn__unit_normal(&triangle, m) : 0;
         float weight = (float)fmin(area / ((double)v->cell * v->cell), 2);
-        for (i = 0; i < count; i++) {
+        for (int i = 0; i < count; i++) {
             int cell = build->touched[i], mark = second ? ~leaf : leaf + 1;
             int32_t *next = &v->first[cell + 2 - second];
             itn__patch *patch = &build->patches[cell];
@@ -6319,8 +6238,7 @@ static void itn__enter_triangles(const itn__voxel_build *build, int second) {
    their sum, -1 if that is more than an int32_t can say. */
 static int itn__prefix_sum(int32_t *first, size_t count) {
     int64_t sum = 0;
-    size_t i;
-    for (i = 0; i < count && sum <= INT32_MAX; i++)
+    for (size_t i = 0; i < count && sum <= INT32_MAX; i++)
         sum += first[2 + i], first[2 + i] = (int32_t)sum;
     return sum <= INT32_MAX ? (int)sum : -1;
 }
@@ -6330,16 +6248,16 @@ static int itn__prefix_sum(int32_t *first, size_t count) {
    distance (Borgefors 1986). */
 static void itn__voxel_distances(itn__voxels *v) {
     int32_t *d = v->cells;
-    int count = (int)itn__cell_count(v), neighbours[13], pass, cell, k;
-    for (k = 0; k < 13; k++)
+    int count = (int)itn__cell_count(v), neighbours[13];
+    for (int k = 0; k < 13; k++)
         neighbours[k] = itn__cell_index(v, k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1);
-    for (cell = 0; cell < count; cell++) {
+    for (int cell = 0; cell < count; cell++) {
         d[cell] = itn__on_border(v, cell) ? 1 : ITN__REACH;
         if (itn__holds_triangles(v, cell)) d[cell] = 0;
     }
-    for (pass = 0; pass < 2; pass++)
-        for (cell = pass ? count - 1 : 0; cell >= 0 && cell < count; cell += pass ? -1 : 1)
-            for (k = 0; k < 13 && d[cell] > 1; k++) {
+    for (int pass = 0; pass < 2; pass++)
+        for (int cell = pass ? count - 1 : 0; cell >= 0 && cell < count; cell += pass ? -1 : 1)
+            for (int k = 0; k < 13 && d[cell] > 1; k++) {
                 int other = d[cell + (pass ? -neighbours[k] : neighbours[k])] + 1;
                 d[cell] = other < d[cell] ? other : d[cell];
             }
@@ -6349,14 +6267,13 @@ static void itn__voxel_distances(itn__voxels *v) {
    of the patches around, as bytes of which the largest is 127. */
 static void itn__region_make(const itn__voxel_build *build, int cell) {
     const itn__voxels *v = build->voxels;
-    int reach = v->cells[cell], side = 2 * reach + 1, count = 0, i;
+    int reach = v->cells[cell], side = 2 * reach + 1, count = 0;
     const itn__patch *parts[27];
     itn__patch patch = ITN_ZERO;
     itn_vec3 n = ITN_ZERO, offset[27];
-    float scale, below, above;
     v->cells[cell] = reach << 24;
     if (reach > 1 || (reach && itn__on_border(v, cell))) return;
-    for (i = 0; i < side * side * side; i++) {
+    for (int i = 0; i < side * side * side; i++) {
         int x = i % side - reach, y = i / side % side - reach, z = i / (side * side) - reach;
         int other = cell + itn__cell_index(v, x, y, z);
         if (!itn__holds_triangles(v, other)) continue;
@@ -6367,15 +6284,15 @@ static void itn__region_make(const itn__voxel_build *build, int cell) {
     else n.x = 127;
     n = itn__vec3(floorf(n.x + .5f), floorf(n.y + .5f), floorf(n.z + .5f));
     patch.n = itn__normalize(n), patch.least = INFINITY, patch.most = -INFINITY;
-    for (i = 0; i < count; i++) { /* x of the part is x + offset */
+    for (int i = 0; i < count; i++) { /* x of the part is x + offset */
         float along = itn__dot(patch.n, offset[i]), wide = itn__across_cell(patch.n, parts[i]->n);
         itn__patch_widen(&patch, along + parts[i]->least - wide, along + parts[i]->most + wide,
                          itn__length(itn__sub(patch.n, parts[i]->n)) + parts[i]->chord);
     }
-    scale = itn__length(n) / ITN__PLANE_STEP;
-    below = floorf((patch.least - ITN__SLAB_MARGIN - build->rounding) * scale);
+    float scale = itn__length(n) / ITN__PLANE_STEP;
+    float below = floorf((patch.least - ITN__SLAB_MARGIN - build->rounding) * scale);
     below = itn__clamp(below, -32768, 32767);
-    above = (.5f * (patch.least + patch.most) * scale - below) / 16;
+    float above = (.5f * (patch.least + patch.most) * scale - below) / 16;
     v->cells[cell] |= ((int)n.x & 255) | ((int)n.y & 255) << 8 | ((int)n.z & 255) << 16;
     v->planes[cell] =
         (int32_t)(((uint32_t)(int)below & 0xffff) | (uint32_t)itn__clamp(above, 0, 255) << 16 |
@@ -6383,15 +6300,14 @@ static void itn__region_make(const itn__voxel_build *build, int cell) {
 }
 static void itn__make_regions(void *task, int chunk) {
     const itn__voxel_build *build = (const itn__voxel_build *)task;
-    int i, end = itn__block_end(chunk, (int)itn__cell_count(build->voxels));
-    for (i = chunk * ITN__BLOCK; i < end; i++) itn__region_make(build, i);
+    int end = itn__block_end(chunk, (int)itn__cell_count(build->voxels));
+    for (int i = chunk * ITN__BLOCK; i < end; i++) itn__region_make(build, i);
 }
 
 /* How many cells a box takes, with one more on each side. */
 static double itn__grid_size(const float extent[3], double cell, int size[3]) {
     double total = 1;
-    int k;
-    for (k = 0; k < 3; k++) {
+    for (int k = 0; k < 3; k++) {
         size[k] = 2 + (int)fmin(fmax(ceil(extent[k] / cell), 1), 1e6);
         total *= size[k];
     }
@@ -6432,8 +6348,7 @@ static void itn__voxels_free(const itn_context *context, void *made) {
 /* Makes what the grid holds. Returns 0 if memory is out. */
 static int itn__voxels_fill(const itn_context *context, itn__voxel_build *build) {
     itn__voxels *v = build->voxels;
-    size_t cells = itn__cell_count(v), i;
-    int leaves;
+    size_t cells = itn__cell_count(v);
     v->cells = ITN__NEW(int32_t, context, cells), v->planes = ITN__NEW(int32_t, context, cells);
     v->first = ITN__NEW(int32_t, context, cells + 2);
     build->touched = ITN__NEW(int32_t, context, cells);
@@ -6443,10 +6358,10 @@ static int itn__voxels_fill(const itn_context *context, itn__voxel_build *build)
         !build->patches)
         return 0;
     itn__enter_triangles(build, 0);
-    leaves = itn__prefix_sum(v->first, cells);
+    int leaves = itn__prefix_sum(v->first, cells);
     v->leaves = leaves < 0 ? NULL : ITN__NEW(int32_t, context, (size_t)leaves);
     if (!v->leaves) return 0;
-    for (i = 0; i < cells; i++) {
+    for (size_t i = 0; i < cells; i++) {
         itn__patch *patch = &build->patches[i];
         patch->n = itn__direction(patch->n), patch->least = INFINITY, patch->most = -INFINITY;
     }
@@ -6484,11 +6399,10 @@ static itn_result itn__voxels_make(const itn_context *context, const itn_bvh *bv
 static float *itn__make_normals(const itn_context *context, const itn_bvh *bvh) {
     float *normals = (float *)itn__allocate(context, (size_t)bvh->triangle_count,
                                             3 * sizeof(float));
-    int i, k;
-    for (i = 0; normals && i < bvh->triangle_count; i++) {
+    for (int i = 0; normals && i < bvh->triangle_count; i++) {
         double n[3];
         if (!itn__unit_normal(&bvh->triangles[i], n)) continue;
-        for (k = 0; k < 3; k++) normals[3 * i + k] = (float)n[k];
+        for (int k = 0; k < 3; k++) normals[3 * i + k] = (float)n[k];
     }
     return normals;
 }
@@ -6503,7 +6417,7 @@ static unsigned char *itn__make_pixels(const itn_scene *scene) {
     size_t count = (size_t)size[0] * (size_t)size[1];
     unsigned char *pixels = (unsigned char *)itn__allocate(&scene->context, count, 1);
     float half[2], margin[2];
-    int i, j, k, y;
+    int k;
     if (!pixels) return NULL;
     memset(pixels, 1, count);
     for (k = 0; k < 2; k++) { /* rounding: a hundredth of a pixel, of the film, of directions */
@@ -6511,11 +6425,11 @@ static unsigned char *itn__make_pixels(const itn_scene *scene) {
         margin[k] = margin[k] * (float)size[k] + .51f;
         margin[k] += camera->deviation > 0 ? 4 * camera->deviation : .5f;
     }
-    for (i = 0; i < scene->bvh->triangle_count; i++) {
+    for (int i = 0; i < scene->bvh->triangle_count; i++) {
         float least[2] = {FLT_MAX, FLT_MAX}, most[2] = {-FLT_MAX, -FLT_MAX};
         itn_vec3 p[3];
         itn__bvh_corners(scene->bvh, i, p);
-        for (j = 0; j < 6; j++) {
+        for (int j = 0; j < 6; j++) {
             itn_vec3 v = itn__sub(p[j / 2], camera->eye);
             float depth = itn__dot(v, camera->forward), end = (float)size[k = j % 2];
             float x = (itn__dot(v, axis[k]) / (half[k] * half[k] * depth) + 1) * .5f * end;
@@ -6524,7 +6438,7 @@ static unsigned char *itn__make_pixels(const itn_scene *scene) {
             least[k] = itn__min(least[k], itn__clamp(x - margin[k], 0, end));
             most[k] = itn__max(most[k], itn__clamp(x + margin[k], 0, end));
         }
-        for (y = (int)least[1]; y < (int)most[1]; y++)
+        for (int y = (int)least[1]; y < (int)most[1]; y++)
             memset(pixels + y * size[0] + (int)least[0], 0, (size_t)most[0] - (size_t)least[0]);
     }
     return pixels;
@@ -6538,19 +6452,18 @@ static itn_result itn__tables_make(const itn_scene *scene, int resolution, itn__
     float lower[3] = {INFINITY, INFINITY, INFINITY}, upper[3] = {-INFINITY, -INFINITY, -INFINITY};
     itn_vec3 a = itn__vec3(0, 0, 0), b = itn__vec3(1, 1, 1);
     uint64_t closed = 0;
-    itn_result result;
-    int i, k;
-    for (i = 0; i < scene->object_count; i++) {
+    for (int i = 0; i < scene->object_count; i++) {
         const itn__object *object = &scene->objects[i];
         if (object->closed) closed |= itn__object_bit(i);
-        for (k = 0; k < 3 && object->medium >= 0; k++) {
+        for (int k = 0; k < 3 && object->medium >= 0; k++) {
             lower[k] = itn__min(lower[k], (float)(object->lower[k] - scene->origin[k]));
             upper[k] = itn__max(upper[k], (float)(object->upper[k] - scene->origin[k]));
         }
     }
     if (lower[0] <= upper[0])
         a = itn__vec3(lower[0], lower[1], lower[2]), b = itn__vec3(upper[0], upper[1], upper[2]);
-    result = itn__voxels_make(context, scene->bvh, closed, a, b, resolution, made, error);
+    itn_result result =
+        itn__voxels_make(context, scene->bvh, closed, a, b, resolution, made, error);
     if (result) return result;
     (*made)->normals = itn__make_normals(context, scene->bvh);
     (*made)->pixels = itn__make_pixels(scene);
@@ -6564,8 +6477,8 @@ static itn_result itn__tables_make(const itn_scene *scene, int resolution, itn__
    the more so the more lanes share what exact flights cost. */
 static int itn__tables_level(const itn_scene *scene, const float *theta, double paths) {
     double cells = .14 * sqrt((double)scene->bvh->triangle_count);
-    int level = paths >= 1e6, finest = paths < 1e4 * ITN__LANES ? 1 : 2, i;
-    for (i = 0; i < scene->object_count; i++)
+    int level = paths >= 1e6, finest = paths < 1e4 * ITN__LANES ? 1 : 2;
+    for (int i = 0; i < scene->object_count; i++)
         if (scene->objects[i].medium >= 0)
             cells = fmax(cells, scene->radius * (double)theta[
                                     scene->media[scene->objects[i].medium].sigma_t[0]]);
@@ -6692,24 +6605,24 @@ static int itn__unit_paths_left(const itn__crowd *crowd) {
 /* Fills the lanes named by `bits` with these paths; the others stay. */
 ITN__NOINLINE void itn__read(const itn__crowd *crowd, const int32_t *slots, unsigned bits,
                              itn__state *s) {
-    int rows = crowd->render->rows, r;
+    int rows = crowd->render->rows;
     for (; bits; bits &= bits - 1, slots++) {
         int k = itn__lowest_bit(bits), slot = *slots;
         char *lane = (char *)s + 4 * k;
         const char *path = (const char *)&crowd->paths[slot];
-        for (r = 0; r < rows; r++, lane += sizeof(itn__floats)) memcpy(lane, path + 4 * r, 4);
+        for (int r = 0; r < rows; r++, lane += sizeof(itn__floats)) memcpy(lane, path + 4 * r, 4);
         ITN__LANE(s->slot, k) = slot;
     }
 }
 
 /* Writes the lanes named by `bits` back to their paths. */
 ITN__NOINLINE void itn__write(itn__crowd *crowd, const itn__state *s, unsigned bits) {
-    int rows = crowd->render->rows, r;
+    int rows = crowd->render->rows;
     for (; bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
         const char *lane = (const char *)s + 4 * k;
         char *path = (char *)&crowd->paths[ITN__LANE(s->slot, k)];
-        for (r = 0; r < rows; r++, lane += sizeof(itn__floats)) memcpy(path + 4 * r, lane, 4);
+        for (int r = 0; r < rows; r++, lane += sizeof(itn__floats)) memcpy(path + 4 * r, lane, 4);
     }
 }
 
@@ -6741,8 +6654,7 @@ static void itn__depart(itn__crowd *crowd, itn__path *path) {
    sequence: the place in the pixel (0 and 1), and draws 2 to 7 of a path, at its first boundary and
    first collision. Where the draw just made (dimension - 1) is one of these, u becomes such. */
 ITN__NOINLINE void itn__early_draws(const itn__state *s, itn__ints mask, itn__floats *u) {
-    int k;
-    for (k = 2; k < ITN__SOBOL_DIMENSIONS; k++) {
+    for (int k = 2; k < ITN__SOBOL_DIMENSIONS; k++) {
         itn__ints here = mask & itn__int_equal(s->dimension, itn__splat_int(k + 1));
         if (itn__mask_bits(here))
             *u = itn__select(here, itn__sobol(itn__int_words(s->index), k,
@@ -6775,14 +6687,13 @@ static void itn__bring_scales(itn__crowd *crowd, const itn__path *path, float sa
     const itn__render *render = crowd->render;
     const itn_scene *scene = render->scene;
     float all[3] = {0, 0, 0}, rgb[3];
-    int i, c;
-    for (i = 0; i < 2 * scene->light_count; i++) { /* first the sum, then the parts */
+    for (int i = 0; i < 2 * scene->light_count; i++) { /* first the sum, then the parts */
         const itn__light *light = &scene->lights[i % scene->light_count];
         float counts = light->share > 0 ? sampled : plain;
         int slot = render->slots[light->parameter], parts = i >= scene->light_count;
         if (parts && slot < 0) continue;
         itn__light_radiance(light, render->channels, path->d, rgb);
-        for (c = 0; c < render->channels; c++)
+        for (int c = 0; c < render->channels; c++)
             if (!parts)
                 all[c] += counts * rgb[c] * render->theta[light->parameter];
             else if (all[c] > 0) /* the share first, or it overflows */
@@ -6793,17 +6704,15 @@ static void itn__bring_scales(itn__crowd *crowd, const itn__path *path, float sa
 /* Adds `value` in channel c, and its derivatives by the path's scores. */
 static void itn__bring_scored(itn__crowd *crowd, const itn__path *path, int c, float value) {
     const int *only = crowd->render->only;
-    int k;
     itn__bring(crowd, path, -1, c, value);
-    for (k = 0; k < crowd->render->count; k++)
+    for (int k = 0; k < crowd->render->count; k++)
         if (only[k] < 0 || only[k] == c) itn__bring(crowd, path, k, c, value * path->scores[k]);
 }
 
 /* A path brings home `value` of light from its direction; sampled, plain: see above. */
 static void itn__bring_home(itn__crowd *crowd, const itn__path *path, float sampled, float plain,
                             const float value[3]) {
-    int c;
-    for (c = 0; c < crowd->render->channels; c++) {
+    for (int c = 0; c < crowd->render->channels; c++) {
         itn__bring_scored(crowd, path, c, value[c]);
         path->owner->brought[c] += value[c];
     }
@@ -6821,17 +6730,16 @@ static void itn__bring_home(itn__crowd *crowd, const itn__path *path, float samp
 static void itn__book(itn__crowd *crowd, itn__path *path, int substance) {
     const itn__render *render = crowd->render;
     const itn__substance *at = &render->substances[substance];
-    int sigma_t, g, albedo, c;
-    for (c = 0; c < render->channels && render->controls; c++) {
+    for (int c = 0; c < render->channels && render->controls; c++) {
         itn__bring_scored(crowd, path, c, path->control[c]);
         path->control[c] = 0;
     }
     if (!render->count || !substance) return;
-    sigma_t = render->slots[at->medium->sigma_t[0]], g = render->slots[at->medium->g[0]];
+    int sigma_t = render->slots[at->medium->sigma_t[0]], g = render->slots[at->medium->g[0]];
     if (sigma_t >= 0) path->scores[sigma_t] += path->flights / at->sigma_t;
     if (g >= 0) path->scores[g] += path->phases;
-    for (c = 0; c < render->channels; c++) {
-        albedo = render->slots[at->medium->albedo + c];
+    for (int c = 0; c < render->channels; c++) {
+        int albedo = render->slots[at->medium->albedo + c];
         if (albedo >= 0) path->scores[albedo] += path->hits / at->albedo[c];
         if (albedo >= 0) itn__bring(crowd, path, albedo, c, -path->hit_base[c] / at->albedo[c]);
         if (sigma_t >= 0) itn__bring(crowd, path, sigma_t, c, -path->flight_base[c] / at->sigma_t);
@@ -6900,26 +6808,25 @@ static void itn__learn(const itn__crowd *crowd, const itn__path *path) {
     const itn__value *value = &crowd->render->substances[path->mark].value;
     double *sums = crowd->lessons + (size_t)path->mark * ITN__LESSON_SUMS;
     double term[ITN__TERMS], lesson[3] = {0, 0, 0}, mu = path->mark_cosine;
-    int i, j, c;
-    for (c = 0; c < crowd->render->channels; c++) {
+    for (int c = 0; c < crowd->render->channels; c++) {
         lesson[c] = path->brought[c] / (path->mark_weight[c] * crowd->render->lesson_unit);
         lesson[c] = lesson[c] > 0 ? floor(fmin(lesson[c], ITN__LARGEST_LESSON)) : 0;
     }
-    for (i = 0; i < ITN__TERMS; i++) { /* e^(-k_i z) P_l(mu) */
+    for (int i = 0; i < ITN__TERMS; i++) { /* e^(-k_i z) P_l(mu) */
         double decay = (double)value->decay * (i / ITN__ORDERS), sum = 0;
-        for (j = ITN__ORDERS - 1; j >= 0; j--) sum = sum * mu + itn__legendre[i % ITN__ORDERS][j];
+        for (int j = ITN__ORDERS - 1; j >= 0; j--)
+            sum = sum * mu + itn__legendre[i % ITN__ORDERS][j];
         term[i] = floor(sum * exp(-decay * path->mark_depth) * ITN__TERM_STEPS + .5);
     }
-    for (i = 0; i < ITN__TERMS; i++, sums += ITN__TERMS + 3) {
-        for (j = 0; j <= i; j++) sums[j] += term[i] * term[j];
-        for (c = 0; c < 3; c++) sums[ITN__TERMS + c] += term[i] * lesson[c];
+    for (int i = 0; i < ITN__TERMS; i++, sums += ITN__TERMS + 3) {
+        for (int j = 0; j <= i; j++) sums[j] += term[i] * term[j];
+        for (int c = 0; c < 3; c++) sums[ITN__TERMS + c] += term[i] * lesson[c];
     }
 }
 
 /* Of all paths that have ended, and whose shadow rays have, too. */
 static void itn__learn_all(itn__crowd *crowd) {
-    int i;
-    for (i = 0; i < crowd->unused_count && crowd->render->learning; i++) {
+    for (int i = 0; i < crowd->unused_count && crowd->render->learning; i++) {
         itn__path *path = &crowd->paths[crowd->unused[i]];
         if (path->mark) itn__learn(crowd, path);
         path->mark = 0;
@@ -6928,11 +6835,10 @@ static void itn__learn_all(itn__crowd *crowd) {
 
 /* Sets V of channel c, 0 before, from its coefficients by Legendre polynomials. */
 static void itn__value_set(itn__value *value, int c, const double *a, double g) {
-    int i, l, k;
-    for (i = 0; i < ITN__DECAYS; i++)
-        for (l = 0; l < ITN__ORDERS; l++, a++) {
+    for (int i = 0; i < ITN__DECAYS; i++)
+        for (int l = 0; l < ITN__ORDERS; l++, a++) {
             double power = pow(g, l), slope = l ? l * pow(g, l - 1) : 0;
-            for (k = 0; k <= l; k++) {
+            for (int k = 0; k <= l; k++) {
                 double part = *a * itn__legendre[l][k];
                 value->flying[c][i][k] += (float)part, value->entering[c][k] += (float)part;
                 value->scattered[c][i][k] += (float)(part * power);
@@ -6944,14 +6850,13 @@ static void itn__value_set(itn__value *value, int c, const double *a, double g) 
 /* Solves n equations in rows of their coefficients and then right sides, which become solutions, by
    elimination; the matrix is symmetric. Returns 0 if it is not positive definite. */
 static int itn__eliminate(double *rows, int n, int width) {
-    int i, j, k;
-    for (j = 0; j < n; j++) {
+    for (int j = 0; j < n; j++) {
         double pivot = rows[j * width + j];
         if (!(pivot > 0)) return 0;
-        for (k = j; k < width; k++) rows[j * width + k] /= pivot;
-        for (i = 0; i < n; i++) {
+        for (int k = j; k < width; k++) rows[j * width + k] /= pivot;
+        for (int i = 0; i < n; i++) {
             double share = i == j ? 0 : rows[i * width + j];
-            for (k = j; k < width; k++) rows[i * width + k] -= share * rows[j * width + k];
+            for (int k = j; k < width; k++) rows[i * width + k] -= share * rows[j * width + k];
         }
     }
     return 1;
@@ -6963,18 +6868,18 @@ static int itn__fit_value(const itn__render *render, itn__substance *substance,
     enum { TERMS = ITN__TERMS, WIDTH = ITN__TERMS + 3 };
     const double unit = render->lesson_unit * ITN__TERM_STEPS;
     double rows[TERMS * WIDTH], terms[TERMS];
-    int c, i, j;
     if (!(sums[0] > 0)) return 0;
-    for (i = 0; i < TERMS; i++) {
-        for (j = 0; j < TERMS; j++)
+    for (int i = 0; i < TERMS; i++) {
+        for (int j = 0; j < TERMS; j++)
             rows[i * WIDTH + j] = sums[i > j ? i * WIDTH + j : j * WIDTH + i];
         if (i) rows[i * WIDTH + i] += ITN__RIDGE * sums[0]; /* a V that is constant stays so */
-        for (c = 0; c < 3; c++) rows[i * WIDTH + TERMS + c] = sums[i * WIDTH + TERMS + c] * unit;
+        for (int c = 0; c < 3; c++)
+            rows[i * WIDTH + TERMS + c] = sums[i * WIDTH + TERMS + c] * unit;
     }
     if (!itn__eliminate(rows, TERMS, WIDTH)) return 0;
-    for (c = 0; c < render->channels; c++) {
+    for (int c = 0; c < render->channels; c++) {
         substance->value.mean[c] = (float)(sums[TERMS + c] * unit / sums[0]);
-        for (i = 0; i < TERMS; i++) terms[i] = rows[i * WIDTH + TERMS + c];
+        for (int i = 0; i < TERMS; i++) terms[i] = rows[i * WIDTH + TERMS + c];
         itn__value_set(&substance->value, c, terms, substance->g);
     }
     return 1;
@@ -6987,9 +6892,8 @@ typedef struct itn__view {
 
 /* e^(-k_i z) for all i. */
 ITN__INLINE void itn__falls(const itn__value *value, itn__floats depth, itn__floats *fall) {
-    int i;
     fall[0] = itn__splat(1), fall[1] = itn__vexp(depth * -value->decay);
-    for (i = 2; i < ITN__DECAYS; i++) fall[i] = fall[i - 1] * fall[1];
+    for (int i = 2; i < ITN__DECAYS; i++) fall[i] = fall[i - 1] * fall[1];
 }
 
 static itn__view itn__view_of(const itn__substance *substance, const itn__state *s,
@@ -7005,16 +6909,14 @@ static itn__view itn__view_of(const itn__substance *substance, const itn__state 
 /* a[0] + a[1] x + a[2] x^2 + ... */
 ITN__INLINE itn__floats itn__power_sum(const float *a, itn__floats x) {
     itn__floats sum = itn__splat(a[ITN__ORDERS - 1]);
-    int l;
-    for (l = ITN__ORDERS - 2; l >= 0; l--) sum = sum * x + a[l];
+    for (int l = ITN__ORDERS - 2; l >= 0; l--) sum = sum * x + a[l];
     return sum;
 }
 
 /* Sum over i of falls and polynomials, of cosine x. */
 static itn__floats itn__expand_view(const itn__view *view, const itn__expansion a, itn__floats x) {
     itn__floats sum = itn__power_sum(a[0], x);
-    int i;
-    for (i = 1; i < ITN__DECAYS; i++) sum = sum + view->fall[i] * itn__power_sum(a[i], x);
+    for (int i = 1; i < ITN__DECAYS; i++) sum = sum + view->fall[i] * itn__power_sum(a[i], x);
     return sum;
 }
 
@@ -7046,20 +6948,19 @@ typedef struct itn__ahead {
 ITN__NOINLINE void itn__look_ahead(const itn__render *render, const itn__substance *substance,
                                    const itn__state *s, itn__ahead *a) {
     const itn__value *value = &substance->value;
-    itn__floats zero = itn__splat(0), mu, through;
-    int c, i;
+    itn__floats zero = itn__splat(0), mu;
     a->view = itn__view_of(substance, s, &s->d), mu = a->view.cosine;
     a->up = itn__less(mu, zero);
     a->to_face = itn__least(a->view.depth / itn__select(a->up, -mu, itn__splat(1)),
                             itn__splat(ITN__FAR));
-    through = itn__select(a->up, itn__vexp(-a->to_face), zero);
-    for (c = 0; c < render->channels; c++) {
+    itn__floats through = itn__select(a->up, itn__vexp(-a->to_face), zero);
+    for (int c = 0; c < render->channels; c++) {
         a->at_face[c] = itn__power_sum(value->entering[c], mu);
         a->slope[c] = -a->to_face * through * a->at_face[c], a->inside[c] = zero;
-        for (i = 0; i < ITN__DECAYS; i++) {
-            itn__floats inverse = 1 / (1 + (float)i * value->decay * mu), omega;
+        for (int i = 0; i < ITN__DECAYS; i++) {
+            itn__floats inverse = 1 / (1 + (float)i * value->decay * mu);
             itn__floats inside = (a->view.fall[i] - through) * inverse;
-            omega = itn__power_sum(value->scattered[c][i], mu) * substance->albedo[c];
+            itn__floats omega = itn__power_sum(value->scattered[c][i], mu) * substance->albedo[c];
             a->omega[c][i] = omega, a->inside[c] = a->inside[c] + omega * inside;
             a->slope[c] = a->slope[c] + omega * ((1 - inverse) * inside +
                                                  a->to_face * through * inverse);
@@ -7075,13 +6976,12 @@ ITN__NOINLINE void itn__control_flight(const itn__render *render, const itn__sub
     const itn__value *value = &substance->value;
     itn__floats tau = substance->sigma_t * s->distance, fall[ITN__DECAYS];
     itn__ints crosses = a->up & itn__less(a->to_face, tau);
-    itn__floats zero = itn__splat(0), score = itn__select(crosses, -a->to_face, 1 - tau), beta;
-    int c, i;
+    itn__floats zero = itn__splat(0), score = itn__select(crosses, -a->to_face, 1 - tau);
     itn__falls(value, itn__most(a->view.depth + a->view.cosine * tau, zero), fall);
-    for (c = 0; c < render->channels; c++) {
+    for (int c = 0; c < render->channels; c++) {
         itn__floats collided = a->omega[c][0];
-        for (i = 1; i < ITN__DECAYS; i++) collided = collided + fall[i] * a->omega[c][i];
-        beta = itn__select(mask, s->beta[c], zero);
+        for (int i = 1; i < ITN__DECAYS; i++) collided = collided + fall[i] * a->omega[c][i];
+        itn__floats beta = itn__select(mask, s->beta[c], zero);
         s->hit_base[c] = s->hit_base[c] +
                          beta * (itn__select(crosses, zero, collided) - a->inside[c]);
         collided = itn__select(crosses, a->at_face[c], collided);
@@ -7099,8 +6999,7 @@ ITN__NOINLINE void itn__control_direction(const itn__render *render,
     const itn__value *value = &substance->value;
     itn__view view = itn__view_of(substance, s, d);
     itn__floats cosine = -itn__vdot(s->up, s->d);
-    int c;
-    for (c = 0; c < render->channels; c++) {
+    for (int c = 0; c < render->channels; c++) {
         itn__floats beta = itn__select(mask, s->beta[c], itn__splat(0));
         itn__floats now = beta * itn__expand_view(&view, value->flying[c], cosine);
         itn__difference(s, c, now, beta * itn__expand_view(&view, value->scattered[c], view.cosine),
@@ -7120,11 +7019,10 @@ static void itn__expect_bounce(const itn__render *render, const itn__site *site,
     const itn__value *value = &render->substances[render->controls].value;
     itn__floats zero = itn__splat(0), one = itn__splat(1), brings[2];
     itn__floats alpha = itn__splat(site->smooth ? 0 : site->theta[site->surface->alpha]);
-    itn__num cos_t, fresnel;
-    int way;
-    fresnel = itn__fresnel(itn__constant(itn__least(itn__vdot(site->i, *m), one)),
-                           itn__constant(site->eta.v), &cos_t);
-    for (way = 0; way < 2; way++) {
+    itn__num cos_t;
+    itn__num fresnel = itn__fresnel(itn__constant(itn__least(itn__vdot(site->i, *m), one)),
+                                    itn__constant(site->eta.v), &cos_t);
+    for (int way = 0; way < 2; way++) {
         itn__vectors o;
         itn__ints good = itn__sample_dielectric(&site->i, m, site->eta.v, itn__splat(way), &o);
         itn__ints outside = ~(itn__less(zero, o.z) ^ itn__less(one, site->eta.v));
@@ -7143,14 +7041,13 @@ ITN__NOINLINE void itn__control_bounce(const itn__render *render, itn__state *s,
                                        const itn__site *site, const itn__floats u[3],
                                        itn__ints through, itn__ints good, itn__ints mask) {
     itn__floats alpha = itn__splat(site->smooth ? 0 : site->theta[site->surface->alpha]);
-    itn__floats mean, taken = u[0], one, v, w;
-    int c, k;
-    for (c = 0; c < render->channels; c++) {
+    itn__floats mean, taken = u[0], one;
+    int k;
+    for (int c = 0; c < render->channels; c++) {
         for (mean = itn__splat(0), k = 3; k >= 0; k--, mean = mean + .25f * one) {
-            itn__vectors m;
-            v = u[0] + .5f * (float)(k % 2), w = u[1] + .25f * (float)k;
+            itn__floats v = u[0] + .5f * (float)(k % 2), w = u[1] + .25f * (float)k;
             v = v - itn__to_floats(itn__to_ints(v)), w = w - itn__to_floats(itn__to_ints(w));
-            m = itn__sample_facet(&site->i, alpha, v, w);
+            itn__vectors m = itn__sample_facet(&site->i, alpha, v, w);
             itn__expect_bounce(render, site, &m, c, through, &one, &taken);
         }
         itn__difference(s, c, s->beta[c] * itn__select(good, taken, itn__splat(0)),
@@ -7177,10 +7074,10 @@ typedef struct itn__free_space {
 ITN__INLINE itn__ints itn__cells_at(const itn__voxels *voxels, itn__vectors p, itn__ints *inside,
                                     itn__vectors *centre) {
     itn__floats half_cell = itn__splat(.5f);
-    itn__ints none = itn__splat_int(-1), x, y, z;
-    x = itn__floor_ints((p.x - voxels->lower.x) * voxels->inverse_cell);
-    y = itn__floor_ints((p.y - voxels->lower.y) * voxels->inverse_cell);
-    z = itn__floor_ints((p.z - voxels->lower.z) * voxels->inverse_cell);
+    itn__ints none = itn__splat_int(-1);
+    itn__ints x = itn__floor_ints((p.x - voxels->lower.x) * voxels->inverse_cell);
+    itn__ints y = itn__floor_ints((p.y - voxels->lower.y) * voxels->inverse_cell);
+    itn__ints z = itn__floor_ints((p.z - voxels->lower.z) * voxels->inverse_cell);
     *inside &= itn__int_less(none, x) & itn__int_less(none, y) & itn__int_less(none, z) &
                itn__int_less(x, itn__splat_int(voxels->size[0])) &
                itn__int_less(y, itn__splat_int(voxels->size[1])) &
@@ -7212,23 +7109,23 @@ ITN__INLINE void itn__read_planes(const itn__voxels *voxels, itn__ints word, itn
    in the place of the last face where p is below it. */
 ITN__NOINLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, itn__ints mask,
                                     itn__free_space *space, itn__state *s) {
-    itn__ints inside = mask, none = itn__splat_int(0), at, word, distance, region;
-    itn__floats below, middle, against, half, np, inverse;
+    itn__ints inside = mask, none = itn__splat_int(0);
+    itn__floats below, middle, against;
     itn__vectors n, centre;
-    at = itn__cells_at(voxels, p, &inside, &centre);
-    word = itn__gather_ints(voxels->cells, at, inside, none), distance = word >> 24;
+    itn__ints at = itn__cells_at(voxels, p, &inside, &centre);
+    itn__ints word = itn__gather_ints(voxels->cells, at, inside, none), distance = word >> 24;
     itn__read_planes(voxels, word, at, inside, &n, &below, &middle, &against);
-    np = itn__vdot(n, itn__valong(p, itn__splat(-1), centre));
-    region = ~itn__int_equal(word & 0xffffff, none);
+    itn__floats np = itn__vdot(n, itn__valong(p, itn__splat(-1), centre));
+    itn__ints region = ~itn__int_equal(word & 0xffffff, none);
     if (s) {
         itn__ints under = mask & region & itn__less(np, middle);
-        inverse = 1 / itn__root(itn__vdot(n, n));
+        itn__floats inverse = 1 / itn__root(itn__vdot(n, n));
         s->up = itn__vselect(under, itn__vscale(n, inverse), s->up);
         s->level = itn__select(under, (itn__vdot(n, centre) + middle) * inverse, s->level);
     }
     region &= itn__int_equal(distance, none) | itn__less(np, below);
     below = itn__select(region, below, itn__splat(INFINITY));
-    half = (itn__to_floats(distance - region) - .51f) * voxels->cell;
+    itn__floats half = (itn__to_floats(distance - region) - .51f) * voxels->cell;
     space->half = itn__select(mask, itn__select(inside, half, itn__splat(-1)), space->half);
     space->centre = itn__vselect(mask, centre, space->centre);
     space->n = itn__vselect(mask, n, space->n);
@@ -7274,13 +7171,12 @@ ITN__INLINE itn__floats itn__leave_cube(const itn__march *m, itn__vectors centre
 static float itn__test_cell(const itn__render *render, itn__path *path, int cell) {
     const itn__voxels *voxels = render->voxels;
     float slack = itn__slack(render->scene, path->p);
-    int i;
     if (path->shear.kz < 0) {
         itn_ray ray;
         ray.origin = path->p, ray.direction = path->d;
         itn__shear_make(&ray, &path->shear);
     }
-    for (i = voxels->first[cell]; i < voxels->first[cell + 1]; i++)
+    for (int i = voxels->first[cell]; i < voxels->first[cell + 1]; i++)
         itn__pack_hit(&render->scene->bvh->packs[voxels->leaves[i]], &path->shear, -slack,
                       &path->place.sides, &path->hit);
     return path->hit.t;
@@ -7291,25 +7187,25 @@ static float itn__test_cell(const itn__render *render, itn__path *path, int cell
 ITN__INLINE itn__ints itn__march_step(itn__crowd *crowd, itn__march *m, itn__ints mask) {
     const itn__voxels *voxels = crowd->render->voxels;
     itn__vectors p = itn__valong(m->p, m->t, m->d), centre, n;
-    itn__ints inside = mask, at = itn__cells_at(voxels, p, &inside, &centre), word, surface;
-    itn__floats below, middle, against, from, slope, half, leave;
-    unsigned rest;
-    word = itn__gather_ints(voxels->cells, at, inside, itn__splat_int(1 << 24));
-    surface = inside & itn__int_equal(word >> 24, itn__splat_int(0));
-    half = itn__absolute(itn__to_floats(word >> 24) - .5f) * voxels->cell;
-    leave = itn__most(itn__leave_cube(m, centre, half), m->t);
+    itn__ints inside = mask, at = itn__cells_at(voxels, p, &inside, &centre);
+    itn__floats below, middle, against;
+    itn__ints word = itn__gather_ints(voxels->cells, at, inside, itn__splat_int(1 << 24));
+    itn__ints surface = inside & itn__int_equal(word >> 24, itn__splat_int(0));
+    itn__floats half = itn__absolute(itn__to_floats(word >> 24) - .5f) * voxels->cell;
+    itn__floats leave = itn__most(itn__leave_cube(m, centre, half), m->t);
     if (itn__mask_bits(surface)) {
         itn__read_planes(voxels, word, at, surface, &n, &below, &middle, &against);
-        from = itn__vdot(n, itn__valong(p, itn__splat(-1), centre)), slope = itn__vdot(n, m->d);
+        itn__floats from = itn__vdot(n, itn__valong(p, itn__splat(-1), centre)),
+                    slope = itn__vdot(n, m->d);
         from += itn__most(slope, itn__splat(0)) * (itn__least(leave, m->end) - m->t);
         surface &= itn__less_equal(below, from) & itn__less_equal(-against, slope);
     }
-    for (rest = itn__mask_bits(surface); rest; rest &= rest - 1) {
+    for (unsigned rest = itn__mask_bits(surface); rest; rest &= rest - 1) {
         int k = itn__lowest_bit(rest);
         ITN__LANE(m->end, k) = itn__test_cell(crowd->render, &crowd->paths[ITN__LANE(m->slot, k)],
                                               ITN__LANE(at, k));
     }
-    for (rest = itn__mask_bits(mask & ~inside); rest; rest &= rest - 1)
+    for (unsigned rest = itn__mask_bits(mask & ~inside); rest; rest &= rest - 1)
         crowd->paths[ITN__LANE(m->slot, itn__lowest_bit(rest))].hit.triangle = -2;
     m->t = leave + ITN__STEP * voxels->cell;
     return inside & itn__less_equal(m->t, m->end);
@@ -7320,9 +7216,8 @@ ITN__INLINE itn__ints itn__march_step(itn__crowd *crowd, itn__march *m, itn__int
 static void itn__settle_hit(const itn_scene *scene, itn__path *path) {
     itn__place *place = &path->place;
     itn_hit *hit = &path->hit;
-    float slack;
     if (hit->triangle != -2 && !place->crossed_count && !(place->sides.flush > 0)) return;
-    slack = itn__slack(scene, path->p);
+    float slack = itn__slack(scene, path->p);
     if (hit->triangle == -2 ||
         (hit->triangle >= 0 && hit->t <= slack && itn__just_crossed(place, hit))) {
         itn__find_hit(scene, path);
@@ -7355,14 +7250,14 @@ static int itn__march_refill(itn__crowd *crowd, itn__march *m, int next) {
    as far as the flight goes and triangle -1 where there is none. */
 static void itn__find_hits(itn__crowd *crowd) {
     itn__march m;
-    int next = 0, i;
+    int next = 0;
     memset(&m, 0, sizeof m);
     while (m.busy || next < crowd->exact.count) {
         if (itn__count_bits(m.busy) <= ITN__LANES - ITN__QUARTER)
             next = itn__march_refill(crowd, &m, next);
         m.busy = itn__mask_bits(itn__march_step(crowd, &m, itn__bits_mask(m.busy)));
     }
-    for (i = 0; i < crowd->exact.count; i++)
+    for (int i = 0; i < crowd->exact.count; i++)
         itn__settle_hit(crowd->render->scene, &crowd->paths[crowd->exact.slots[i]]);
 }
 
@@ -7384,10 +7279,9 @@ static void itn__find_hits(itn__crowd *crowd) {
 /* A shadow ray has come through: brings its light home. */
 static void itn__arrive(itn__crowd *crowd, const itn__path *ray) {
     float largest = 0, raise = 1, value[3] = {0, 0, 0};
-    int c;
-    for (c = 0; c < crowd->render->channels; c++) largest = itn__max(largest, ray->beta[c]);
+    for (int c = 0; c < crowd->render->channels; c++) largest = itn__max(largest, ray->beta[c]);
     if (largest < crowd->render->shadow_cut) raise = crowd->render->shadow_cut / largest;
-    for (c = 0; c < crowd->render->channels; c++) value[c] = raise * ray->beta[c];
+    for (int c = 0; c < crowd->render->channels; c++) value[c] = raise * ray->beta[c];
     if (largest > 0) itn__bring_home(crowd, ray, 1, 0, value);
 }
 
@@ -7395,7 +7289,7 @@ static void itn__arrive(itn__crowd *crowd, const itn__path *ray) {
    boundary: then returns 1. */
 static int itn__pass_shadow(itn__crowd *crowd, itn__path *ray) {
     const itn__render *render = crowd->render;
-    int substance = itn__substance_of(render, &ray->place), c;
+    int substance = itn__substance_of(render, &ray->place);
     float largest = 0, depth = render->substances[substance].sigma_t * itn__max(ray->hit.t, 0);
     itn_ray line;
     if (ray->hit.triangle < 0 && !substance) itn__arrive(crowd, ray);
@@ -7403,7 +7297,7 @@ static int itn__pass_shadow(itn__crowd *crowd, itn__path *ray) {
     line.origin = ray->p, line.direction = ray->d;
     ray->event = itn__meet_faces(render->scene, render->theta, &ray->place, &line, &ray->hit);
     if (ray->event.object >= 0) return 0;
-    for (c = 0; c < render->channels; c++) {
+    for (int c = 0; c < render->channels; c++) {
         if (substance) ray->beta[c] *= expf(-depth);
         largest = itn__max(largest, ray->beta[c]);
     }
@@ -7429,13 +7323,13 @@ ITN__NOINLINE void itn__trace_shadows(itn__crowd *crowd) {
    sampled, and of the others. */
 static void itn__sum_radiance(const itn_scene *scene, const float *theta, const itn__towards *to,
                               itn__floats sampled[3], itn__floats plain[3]) {
-    int channels = scene->film.channels, i, k;
-    for (k = 0; k < 3; k++) sampled[k] = plain[k] = itn__splat(0);
-    for (i = 0; i < scene->light_count; i++) {
+    int channels = scene->film.channels;
+    for (int k = 0; k < 3; k++) sampled[k] = plain[k] = itn__splat(0);
+    for (int i = 0; i < scene->light_count; i++) {
         const itn__light *light = &scene->lights[i];
         itn__floats rgb[3], *sum = light->share > 0 ? sampled : plain;
         itn__light_models[light->kind].radiance(light, channels, to, rgb);
-        for (k = 0; k < channels; k++)
+        for (int k = 0; k < channels; k++)
             sum[k] += itn__select(to->mask, theta[light->parameter] * rgb[k], itn__splat(0));
     }
 }
@@ -7470,8 +7364,7 @@ ITN__NOINLINE void itn__sample_lights(const itn_scene *scene, const float *theta
 static itn__light_draw itn__light_for(const itn__crowd *crowd, itn__state *s, itn__ints mask) {
     itn__floats u[3];
     itn__light_draw light;
-    int k;
-    for (k = 0; k < 3; k++) u[k] = itn__draw(crowd, s, mask);
+    for (int k = 0; k < 3; k++) u[k] = itn__draw(crowd, s, mask);
     itn__sample_lights(crowd->render->scene, crowd->render->theta, u, &mask, &light);
     return light;
 }
@@ -7483,8 +7376,7 @@ static unsigned itn__cut_shadows(const itn__crowd *crowd, const itn__state *s, i
                                  itn__floats *depth) {
     itn__ints dimension = s->dimension + itn__splat_int(1 << 30);
     itn__floats largest = radiance[0];
-    int c;
-    for (c = 1; c < crowd->render->channels; c++) largest = itn__most(largest, radiance[c]);
+    for (int c = 1; c < crowd->render->channels; c++) largest = itn__most(largest, radiance[c]);
     *level = crowd->render->shadow_cut *
              itn__uniforms(itn__int_words(s->key0), itn__int_words(s->key1), &dimension, mask);
     mask &= itn__less(*level, largest);
@@ -7496,16 +7388,16 @@ static unsigned itn__cut_shadows(const itn__crowd *crowd, const itn__state *s, i
 /* A shadow ray of lane k that reaches that far, with the place and scores of its path. */
 static itn__path *itn__send_shadow(itn__crowd *crowd, const itn__state *s, int k,
                                    const itn__light_draw *light, float level, float reach) {
-    itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)], *ray;
+    itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
     size_t count = (size_t)crowd->render->count;
-    int c;
     if (crowd->ray_count == ITN__CROWD) itn__trace_shadows(crowd);
-    ray = &crowd->rays[crowd->ray_count];
+    itn__path *ray = &crowd->rays[crowd->ray_count];
     memset(&ray->control, 0, (ITN__ROWS - ITN__FEW_ROWS) * sizeof(float));
     ray->owner = path, ray->place = path->place, ray->distance = reach, ray->pdf = level;
     ray->scores = crowd->scores + (size_t)(ITN__CROWD + crowd->ray_count++) * count;
     ray->p = itn__lane_vector(&s->p, k), ray->d = itn__lane_vector(&light->direction, k);
-    for (c = 0; c < crowd->render->channels; c++) ray->beta[c] = ITN__LANE(light->radiance[c], k);
+    for (int c = 0; c < crowd->render->channels; c++)
+        ray->beta[c] = ITN__LANE(light->radiance[c], k);
     if (count) memcpy(ray->scores, path->scores, count * sizeof *ray->scores);
     return ray;
 }
@@ -7518,20 +7410,19 @@ static itn__ints itn__roulette_lanes(const itn__crowd *crowd, int substance, itn
     float sigma_t = render->substances[substance].sigma_t;
     itn__floats largest = s->beta[0], survival = itn__splat(1);
     itn__floats level = itn__splat(render->roulette);
-    itn__ints low, late, survives;
-    int c;
-    for (c = 1; !substance && c <= render->scene->medium_count; c++) /* it may come from any */
+    for (int c = 1; !substance && c <= render->scene->medium_count; c++) /* it may come from any */
         sigma_t = itn__max(sigma_t, render->substances[c].sigma_t);
-    late = itn__int_less(itn__splat_int(itn__many_draws_in(render->scene, sigma_t)), s->dimension);
-    for (c = 1; c < render->channels; c++) largest = itn__most(largest, s->beta[c]);
-    low = ~itn__less_equal(level * ITN__SAME_WEIGHT, largest);
+    itn__ints late =
+        itn__int_less(itn__splat_int(itn__many_draws_in(render->scene, sigma_t)), s->dimension);
+    for (int c = 1; c < render->channels; c++) largest = itn__most(largest, s->beta[c]);
+    itn__ints low = ~itn__less_equal(level * ITN__SAME_WEIGHT, largest);
     if (!itn__mask_bits((low | late) & mask)) return mask;
     survival = itn__select(low, largest / level, survival);
     survival = itn__select(late, survival * (1 - ITN__LATE_LOSS / itn__to_floats(s->dimension)),
                            survival);
     low = (low | late) & mask;
-    survives = itn__less(itn__draw(crowd, s, low), survival);
-    for (c = 0; c < render->channels; c++) {
+    itn__ints survives = itn__less(itn__draw(crowd, s, low), survival);
+    for (int c = 0; c < render->channels; c++) {
         itn__floats raised = s->beta[c] / survival;
         if (render->controls)
             itn__difference(s, c, itn__select(survives, raised, itn__splat(0)) * value[c],
@@ -7547,15 +7438,13 @@ static void itn__light_collisions(itn__crowd *crowd, int substance, itn__state *
                                   const itn__free_space *space) {
     const itn__substance *medium = &crowd->render->substances[substance];
     itn__light_draw light = itn__light_for(crowd, s, mask);
-    itn__floats x = itn__vone_minus_cosine(s->d, light.direction), level, depth, reach, q;
+    itn__floats x = itn__vone_minus_cosine(s->d, light.direction), level, depth, q;
     itn__floats y = itn__vone_minus_cosine(s->d, itn__vscale(light.direction, itn__splat(-1)));
     itn__num p = itn__hg(itn__variable(itn__splat(medium->g)), x, y);
-    unsigned bits;
-    int c;
-    for (c = 0; c < crowd->render->channels; c++)
+    for (int c = 0; c < crowd->render->channels; c++)
         light.radiance[c] = s->beta[c] * p.v * light.radiance[c] / (light.pdf + p.v);
-    bits = itn__cut_shadows(crowd, s, light.drawn, light.radiance, &level, &depth);
-    reach = depth * medium->mean_free_path;
+    unsigned bits = itn__cut_shadows(crowd, s, light.drawn, light.radiance, &level, &depth);
+    itn__floats reach = depth * medium->mean_free_path;
     bits &= ~itn__mask_bits(itn__free_flight(space, itn__valong(s->p, reach, light.direction),
                                              light.direction, &q));
     for (; bits; bits &= bits - 1) {
@@ -7575,31 +7464,29 @@ static itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state *s, i
                               const itn__free_space *space) {
     const itn__render *render = crowd->render;
     const itn__substance *medium = &render->substances[substance];
-    itn__floats u, v, x, y, score, zero = itn__splat(0);
+    itn__floats x, y, zero = itn__splat(0);
     itn__ints alive = itn__splat_int(0);
     itn__vectors d = s->d;
-    itn__num p;
-    int c;
     crowd->collisions += itn__count_bits(itn__mask_bits(mask));
-    score = itn__select(mask, 1 - medium->sigma_t * s->distance, zero);
+    itn__floats score = itn__select(mask, 1 - medium->sigma_t * s->distance, zero);
     s->flights = s->flights + score, s->hits = itn__select(mask, s->hits + 1, s->hits);
-    for (c = 0; c < render->channels; c++) {
+    for (int c = 0; c < render->channels; c++) {
         s->flight_base[c] = s->flight_base[c] + score * s->beta[c] * medium->value.mean[c];
         s->beta[c] = itn__select(mask, s->beta[c] * medium->albedo[c], s->beta[c]);
         alive |= itn__less(zero, s->beta[c]);
     }
     mask &= alive;
     if (render->shadows) itn__light_collisions(crowd, substance, s, mask, space);
-    u = itn__draw(crowd, s, mask), v = itn__draw(crowd, s, mask);
+    itn__floats u = itn__draw(crowd, s, mask), v = itn__draw(crowd, s, mask);
     s->d = itn__vselect(mask, itn__sample_hg(d, itn__splat(medium->g), u, v, &x, &y), d);
     score = zero;
     if (!render->only_constant || render->count) {
-        p = itn__hg(itn__variable(itn__splat(medium->g)), x, y);
+        itn__num p = itn__hg(itn__variable(itn__splat(medium->g)), x, y);
         s->pdf = itn__select(mask, p.v, s->pdf), score = itn__select(mask, p.d / p.v, zero);
     }
     if (render->controls) itn__control_direction(render, medium, s, &d, score, mask);
     s->phases = s->phases + score;
-    for (c = 0; c < render->channels; c++)
+    for (int c = 0; c < render->channels; c++)
         s->phase_base[c] = s->phase_base[c] + score * s->beta[c] * medium->value.mean[c];
     return mask;
 }
@@ -7625,7 +7512,6 @@ static void itn__mark_flights(itn__crowd *crowd, int substance, const itn__state
     itn__view view = itn__view_of(&crowd->render->substances[substance], s, &s->d);
     unsigned bits = itn__mask_bits(mask & itn__int_equal(itn__to_ints(s->hits),
                                        itn__word_ints(span + ((key >> 8) & span))));
-    int c;
     if (bits) itn__trace_shadows(crowd); /* what is under way is not to be learnt */
     for (; bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
@@ -7633,7 +7519,7 @@ static void itn__mark_flights(itn__crowd *crowd, int substance, const itn__state
         if (path->mark) continue;
         path->mark = substance;
         path->mark_depth = ITN__LANE(view.depth, k), path->mark_cosine = ITN__LANE(view.cosine, k);
-        for (c = 0; c < 3; c++)
+        for (int c = 0; c < 3; c++)
             path->mark_weight[c] = ITN__LANE(s->beta[c], k), path->brought[c] = 0;
     }
 }
@@ -7673,8 +7559,8 @@ static void itn__leave(itn__crowd *crowd, itn__queue *queue, itn__lanes *walk, u
 static itn__ints itn__fly(const itn__render *render, itn__lanes *walk, itn__ints mask) {
     itn__vectors q = itn__valong(walk->s.p, walk->s.distance, walk->s.d);
     itn__floats nq;
-    itn__ints safe = mask & itn__free_flight(&walk->space, q, walk->s.d, &nq), unsure;
-    unsure = mask & ~safe;
+    itn__ints safe = mask & itn__free_flight(&walk->space, q, walk->s.d, &nq);
+    itn__ints unsure = mask & ~safe;
     if (itn__mask_bits(unsure)) {
         itn__look_around(render->voxels, walk->s.p, unsure, &walk->space,
                          render->controls || render->learning ? &walk->s : NULL);
@@ -7691,20 +7577,19 @@ ITN__NOINLINE void itn__run_walk(itn__crowd *crowd, int substance) {
     itn__lanes walk;
     memset(&walk, 0, sizeof walk);
     for (;;) {
-        itn__ints mask, here, safe;
         itn__fill(crowd, queue, &walk);
         if (itn__count_bits(walk.busy) < ITN__LANES / 2 &&
             (crowd->exact.count || itn__unit_paths_left(crowd)))
             itn__leave(crowd, queue, &walk, walk.busy);
         if (!walk.busy) return;
-        mask = itn__bits_mask(walk.busy);
-        here = mask & itn__less_equal(itn__splat(0), walk.s.distance);
+        itn__ints mask = itn__bits_mask(walk.busy);
+        itn__ints here = mask & itn__less_equal(itn__splat(0), walk.s.distance);
         walk.moved |= itn__mask_bits(here);
         mask &= ~here | itn__collide(crowd, substance, &walk.s, here, &walk.space);
         mask = itn__take_off(crowd, substance, &walk.s, mask);
         if (crowd->render->learning) itn__mark_flights(crowd, substance, &walk.s, mask);
         itn__end_lanes(crowd, substance, &walk.s, walk.busy & ~itn__mask_bits(mask));
-        safe = itn__fly(crowd->render, &walk, mask);
+        itn__ints safe = itn__fly(crowd->render, &walk, mask);
         itn__leave(crowd, &crowd->exact, &walk, itn__mask_bits(mask & ~safe));
         walk.busy = itn__mask_bits(safe);
     }
@@ -7720,9 +7605,8 @@ ITN__NOINLINE void itn__run_walk(itn__crowd *crowd, int substance) {
 static void itn__pass(itn__crowd *crowd, itn__path *path, int substance, float t) {
     const itn__substance *medium = &crowd->render->substances[substance];
     float depth = medium->sigma_t * t;
-    int c;
     path->flights -= depth;
-    for (c = 0; c < crowd->render->channels; c++)
+    for (int c = 0; c < crowd->render->channels; c++)
         path->flight_base[c] -= depth * path->beta[c] * medium->value.mean[c];
     itn__book(crowd, path, substance);
 }
@@ -7733,7 +7617,6 @@ static void itn__meet(itn__crowd *crowd, int substance, itn__path *path) {
     const itn__render *render = crowd->render;
     const itn_scene *scene = render->scene;
     const float *n = render->voxels->normals + 3 * (size_t)path->hit.triangle;
-    const itn__object *object;
     itn_ray ray;
     ray.origin = path->p, ray.direction = path->d;
     path->up = itn__vec3(n[0], n[1], n[2]);
@@ -7752,7 +7635,7 @@ static void itn__meet(itn__crowd *crowd, int substance, itn__path *path) {
         itn__depart(crowd, path);
         return;
     }
-    object = &scene->objects[path->event.object];
+    const itn__object *object = &scene->objects[path->event.object];
     path->eta = itn__ior(scene, render->theta, path->event.after) /
                 itn__ior(scene, render->theta, path->place.refracting);
     if (scene->surfaces[object->surface].texture != ITN_TEXTURE_NONE)
@@ -7766,9 +7649,8 @@ static void itn__meet(itn__crowd *crowd, int substance, itn__path *path) {
    of all solids, has lost its own, as rounding makes it happen in needles: it goes on outside. */
 ITN__NOINLINE void itn__run_exact(itn__crowd *crowd, int substance) {
     const itn_scene *scene = crowd->render->scene;
-    int i;
     if (substance) itn__find_hits(crowd);
-    for (i = 0; i < crowd->exact.count; i++) {
+    for (int i = 0; i < crowd->exact.count; i++) {
         itn__path *path = &crowd->paths[crowd->exact.slots[i]];
         itn_vec3 end = itn__along(path->p, path->distance, path->d);
         if (!substance) itn__find_hit(scene, path);
@@ -7800,9 +7682,8 @@ static void itn__leave_surface(const itn_scene *scene, const itn__path *path, in
 /* Adds to scores what a factor at a surface contributes in lane k. */
 static void itn__book_factor(const itn__render *render, float *scores, const itn__factor *f,
                              int k) {
-    int j, c;
-    for (j = 0; j < f->count; j++) {
-        c = render->only[f->slots[j]] > 0 ? render->only[f->slots[j]] : 0;
+    for (int j = 0; j < f->count; j++) {
+        int c = render->only[f->slots[j]] > 0 ? render->only[f->slots[j]] : 0;
         if (ITN__LANE(f->value[c], k) != 0)
             scores[f->slots[j]] += ITN__LANE(f->slope[j][c], k) / ITN__LANE(f->value[c], k);
     }
@@ -7815,18 +7696,16 @@ static void itn__shadows_of_surface(itn__crowd *crowd, itn__state *s, itn__site 
     itn__light_draw light = itn__light_for(crowd, s, mask);
     itn__floats pdf, level, depth;
     itn__ints through;
-    unsigned bits;
-    int c;
     itn__bsdf_eval(site, &light.direction, f, &pdf, &through);
-    for (c = 0; c < render->channels; c++)
+    for (int c = 0; c < render->channels; c++)
         light.radiance[c] = s->beta[c] * f->value[c] * light.radiance[c] / (light.pdf + pdf);
-    bits = itn__cut_shadows(crowd, s, mask & light.drawn & itn__less(itn__splat(0), pdf),
-                            light.radiance, &level, &depth);
+    unsigned bits = itn__cut_shadows(crowd, s, mask & light.drawn & itn__less(itn__splat(0), pdf),
+                                     light.radiance, &level, &depth);
     for (; bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits), substance;
+        int k = itn__lowest_bit(bits);
         itn__path *ray = itn__send_shadow(crowd, s, k, &light, ITN__LANE(level, k), INFINITY);
         itn__leave_surface(render->scene, ray->owner, ITN__LANE(through, k), ray->p, &ray->place);
-        substance = itn__substance_of(render, &ray->place);
+        int substance = itn__substance_of(render, &ray->place);
         if (substance)
             ray->distance = ITN__LANE(depth, k) * render->substances[substance].mean_free_path;
         itn__book_factor(render, ray->scores, f, k);
@@ -7853,24 +7732,23 @@ static void itn__sites_begin(const itn__crowd *crowd, const itn__state *s,
 static void itn__scatter_lanes(itn__crowd *crowd, int number, itn__state *s, itn__ints mask) {
     const itn__render *render = crowd->render;
     const itn__surface *surface = &render->scene->surfaces[number];
-    itn__floats u[3], turned;
-    itn__ints through, good;
+    itn__floats u[3];
+    itn__ints through;
     itn__site site;
     itn__factor f;
-    unsigned bits;
     int k;
     itn__sites_begin(crowd, s, surface, itn__mask_bits(mask), &site, &f);
     if (render->shadows && !site.smooth) itn__shadows_of_surface(crowd, s, &site, &f, mask);
     for (k = 0; k < 3; k++) u[k] = itn__draw(crowd, s, mask);
-    good = mask & itn__bsdf_sample(&site, u, &s->d, &f, &s->pdf, &through);
+    itn__ints good = mask & itn__bsdf_sample(&site, u, &s->d, &f, &s->pdf, &through);
     if (render->controls && surface->type == ITN_SURFACE_DIELECTRIC)
         itn__control_bounce(render, s, &site, u, through, good, mask);
     itn__end_lanes(crowd, 0, s, itn__mask_bits(mask & ~good));
     for (k = 0; k < render->channels; k++) s->beta[k] = s->beta[k] * f.value[k];
-    turned = itn__select(through, itn__splat(1), itn__splat(-1)); /* thrown back: the medium is */
+    itn__floats turned = itn__select(through, itn__splat(1), itn__splat(-1)); /* if thrown back, */
     s->up = itn__vscale(s->up, turned), s->level = s->level * turned; /* behind the normal */
     itn__write(crowd, s, itn__mask_bits(good));
-    for (bits = itn__mask_bits(good); bits; bits &= bits - 1) {
+    for (unsigned bits = itn__mask_bits(good); bits; bits &= bits - 1) {
         itn__path *path;
         k = itn__lowest_bit(bits), path = &crowd->paths[ITN__LANE(s->slot, k)];
         itn__leave_surface(render->scene, path, ITN__LANE(through, k), path->p, &path->place);
@@ -7883,10 +7761,8 @@ static void itn__scatter_lanes(itn__crowd *crowd, int number, itn__state *s, itn
 /* Outside of media: roulette, before the next surface or none. */
 static void itn__outside_lanes(itn__crowd *crowd, int number, itn__state *s, itn__ints mask) {
     itn__floats light[3];
-    unsigned bits;
-    int c;
-    for (c = 0; c < 3; c++) light[c] = itn__splat(crowd->render->constant[c]);
-    bits = itn__mask_bits(itn__roulette_lanes(crowd, number, s, light, mask));
+    for (int c = 0; c < 3; c++) light[c] = itn__splat(crowd->render->constant[c]);
+    unsigned bits = itn__mask_bits(itn__roulette_lanes(crowd, number, s, light, mask));
     itn__end_lanes(crowd, number, s, itn__mask_bits(mask) & ~bits);
     itn__write(crowd, s, bits);
     for (; bits; bits &= bits - 1) {
@@ -7899,8 +7775,7 @@ static void itn__outside_lanes(itn__crowd *crowd, int number, itn__state *s, itn
    end. */
 static void itn__escape_path(itn__crowd *crowd, itn__path *path, float mis, const float light[3]) {
     float value[3] = {0, 0, 0};
-    int c;
-    for (c = 0; c < crowd->render->channels; c++)
+    for (int c = 0; c < crowd->render->channels; c++)
         value[c] = (float)path->copies * path->beta[c] * light[c];
     itn__bring_home(crowd, path, mis, 1, value);
     itn__end(crowd, path, 0);
@@ -7911,9 +7786,9 @@ static void itn__sky_lanes(itn__crowd *crowd, int number, itn__state *s, itn__in
     const itn__render *render = crowd->render;
     itn__floats sampled[3], plain[3], mis = itn__splat(1);
     unsigned bits = itn__mask_bits(mask);
-    int c;
     (void)number;
-    for (c = 0; c < 3; c++) plain[c] = itn__splat(render->constant[c]), sampled[c] = itn__splat(0);
+    for (int c = 0; c < 3; c++)
+        plain[c] = itn__splat(render->constant[c]), sampled[c] = itn__splat(0);
     if (!render->only_constant) {
         mis = s->pdf / (s->pdf + itn__meet_lights(render->scene, render->theta, &s->d, mask,
                                                   sampled, plain));
@@ -7922,7 +7797,7 @@ static void itn__sky_lanes(itn__crowd *crowd, int number, itn__state *s, itn__in
     for (; bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
         float light[3];
-        for (c = 0; c < 3; c++)
+        for (int c = 0; c < 3; c++)
             light[c] = ITN__LANE(sampled[c], k) * ITN__LANE(mis, k) + ITN__LANE(plain[c], k);
         itn__escape_path(crowd, &crowd->paths[ITN__LANE(s->slot, k)], ITN__LANE(mis, k), light);
     }
@@ -7931,8 +7806,7 @@ static void itn__sky_lanes(itn__crowd *crowd, int number, itn__state *s, itn__in
 /* Runs such a stage: for a surface or a substance by number. */
 static void itn__run_lanes(itn__crowd *crowd, itn__queue *queue, int number,
                            void (*stage)(itn__crowd *, int, itn__state *, itn__ints)) {
-    int at;
-    for (at = 0; at < queue->count; at += ITN__LANES) {
+    for (int at = 0; at < queue->count; at += ITN__LANES) {
         itn__ints mask = itn__int_less(itn__lane_numbers(), itn__splat_int(queue->count - at));
         itn__state s = ITN_ZERO;
         itn__read(crowd, queue->slots + at, itn__mask_bits(mask), &s);
@@ -7953,16 +7827,15 @@ static itn__path *itn__start_path(itn__crowd *crowd, size_t pixel, int sample, i
     const itn__render *render = crowd->render;
     itn__path *path = &crowd->paths[crowd->unused[--crowd->unused_count]];
     itn__rng rng = itn__rng_make(render->seed, pixel, (uint64_t)(sample * render->walks + walk));
-    int c;
     memset(path, 0, ITN__ROWS * sizeof(float));
     path->owner = path, path->place = render->camera, path->mark = 0;
     path->scores = crowd->scores + (size_t)(path - crowd->paths) * (size_t)render->count;
-    for (c = 0; c < render->count; c++) path->scores[c] = 0;
-    for (c = 0; c < 3 && render->count; c++) {
+    for (int c = 0; c < render->count; c++) path->scores[c] = 0;
+    for (int c = 0; c < 3 && render->count; c++) {
         int exposure = render->scene->camera.exposure[c], slot = render->slots[exposure];
         if (slot >= 0) path->scores[slot] = 1 / render->theta[exposure];
     }
-    for (c = 0; c < 3; c++) path->beta[c] = 1;
+    for (int c = 0; c < 3; c++) path->beta[c] = 1;
     path->pdf = INFINITY, path->copies = 1;
     path->up.y = 1; /* some plane, for paths that begin in a medium */
     path->index = sample % render->set * render->walks + walk;
@@ -7978,9 +7851,9 @@ static itn__path *itn__start_path(itn__crowd *crowd, size_t pixel, int sample, i
    lights. */
 static void itn__see_through(itn__crowd *crowd, itn__path *path) {
     const itn__render *render = crowd->render;
-    int background = render->scene->camera.background, c;
+    int background = render->scene->camera.background;
     path->copies = render->walks;
-    for (c = 0; c < render->channels && background >= 0; c++) {
+    for (int c = 0; c < render->channels && background >= 0; c++) {
         float copies = (float)path->copies;
         itn__bring_scored(crowd, path, c, copies * render->theta[background + c]);
         if (render->count && render->slots[background + c] >= 0)
@@ -7996,10 +7869,8 @@ static void itn__start_ray(itn__crowd *crowd) {
     const itn__render *render = crowd->render;
     itn__unit *unit = &crowd->unit;
     int number = unit->next++, sample = unit->first + number % unit->count, walk;
-    itn__words seed, index = itn__splat_word(sample % render->set);
+    itn__words index = itn__splat_word(sample % render->set);
     itn__path *path, seen;
-    itn__floats x, y;
-    itn_ray ray;
     float u[2];
     size_t pixel, width = (size_t)render->scene->film.width;
     if (!itn__unit_pixel(render->scene, unit, number / unit->count, &pixel) ||
@@ -8011,11 +7882,11 @@ static void itn__start_ray(itn__crowd *crowd) {
         itn__see_through(crowd, path);
         return;
     }
-    seed = itn__splat_word(path->scramble);
-    x = itn__sobol(index, 0, seed), y = itn__sobol(index, 1, seed);
+    itn__words seed = itn__splat_word(path->scramble);
+    itn__floats x = itn__sobol(index, 0, seed), y = itn__sobol(index, 1, seed);
     if (render->sobol) u[0] = ITN__LANE(x, 0), u[1] = ITN__LANE(y, 0);
-    ray = itn__camera_ray(&render->scene->camera, (int)(pixel % width), (int)(pixel / width), u[0],
-                          u[1]);
+    itn_ray ray = itn__camera_ray(&render->scene->camera, (int)(pixel % width),
+                                  (int)(pixel / width), u[0], u[1]);
     path->p = ray.origin, path->d = ray.direction, path->distance = INFINITY;
     path->hit.triangle = -1;
     if (render->outside && !render->voxels->pixels[pixel]) itn__find_hit(render->scene, path);
@@ -8034,14 +7905,13 @@ static void itn__start_ray(itn__crowd *crowd) {
 /* Follows all paths of the unit to their ends. */
 static void itn__run_unit(itn__crowd *crowd) {
     const itn_scene *scene = crowd->render->scene;
-    int m;
     while (itn__unit_paths_left(crowd) || crowd->unused_count < ITN__CROWD) {
         itn__learn_all(crowd);
         while (crowd->unused_count >= crowd->render->walks && itn__unit_paths_left(crowd))
             itn__start_ray(crowd);
-        for (m = 0; m < scene->surface_count; m++)
+        for (int m = 0; m < scene->surface_count; m++)
             itn__run_lanes(crowd, &crowd->surface[m], m, itn__scatter_lanes);
-        for (m = 1; m <= scene->medium_count; m++) {
+        for (int m = 1; m <= scene->medium_count; m++) {
             if (crowd->walk[m].count) itn__run_walk(crowd, m);
             if (crowd->exact.count) itn__run_exact(crowd, m);
         }
@@ -8058,12 +7928,11 @@ static void itn__substance_make(const itn__render *render, const itn__medium *me
                                 itn__substance *out) {
     const float *theta = render->theta;
     float reduced, albedo = 0; /* mean of the channels */
-    int c;
     out->medium = medium, out->sigma_t = theta[medium->sigma_t[0]], out->g = theta[medium->g[0]];
     out->mean_free_path = 1 / out->sigma_t;
-    for (c = 0; c < 3; c++)
+    for (int c = 0; c < 3; c++)
         out->albedo[c] = theta[medium->albedo + (c < render->channels ? c : 0)];
-    for (c = 0; c < 3; c++) albedo += out->albedo[c] / 3;
+    for (int c = 0; c < 3; c++) albedo += out->albedo[c] / 3;
     reduced = 1 - out->g * albedo; /* the decay of V is that of diffusion */
     out->value.decay = itn__clamp(sqrtf(3 * (1 - albedo) * reduced), .1f * fminf(reduced, 1),
                                   .95f / (ITN__DECAYS - 1));
@@ -8077,22 +7946,21 @@ static void itn__fast_know(itn__render *render) {
     const itn_scene *scene = render->scene;
     double level = 0;
     float brightest = 0; /* of albedos and reflectances: what an object can be in a light of 1 */
-    int i, c;
-    for (i = 0; i < scene->parameter_count; i++)
+    for (int i = 0; i < scene->parameter_count; i++)
         if (itn__is_a(scene, i, 'S')) brightest = itn__max(brightest, render->theta[i]);
-    for (i = 0; i < scene->medium_count; i++)
+    for (int i = 0; i < scene->medium_count; i++)
         itn__substance_make(render, &scene->media[i], &render->substances[1 + i]);
     render->camera.sides = scene->sides;
     itn__settle(scene, &render->camera);
     render->outside = itn__substance_of(render, &render->camera) == 0;
     render->only_constant = 1;
-    for (i = 0; i < scene->light_count; i++) {
+    for (int i = 0; i < scene->light_count; i++) {
         const itn__light *light = &scene->lights[i];
         float scale = render->theta[light->parameter];
         if (light->share > 0) render->shadows = 1;
         if (render->count && render->slots[light->parameter] >= 0) render->scales = 1;
         if (light->kind != ITN__LIGHT_CONSTANT) render->only_constant = 0;
-        for (c = 0; c < 3 && light->kind == ITN__LIGHT_CONSTANT; c++)
+        for (int c = 0; c < 3 && light->kind == ITN__LIGHT_CONSTANT; c++)
             render->constant[c] += scale * light->radiance[c];
         level += (double)scale * light->power;
     }
@@ -8151,9 +8019,9 @@ static itn__scratch *itn__scratch_make(const itn_context *context, size_t size) 
 /* Takes count * size bytes; returns NULL if that overflows or memory is out. */
 static void *itn__take_raw(itn__scratch *scratch, size_t count, size_t size) {
     itn__scratch *from = scratch;
-    size_t at = scratch->used, bytes;
+    size_t at = scratch->used;
     if (size && count > SIZE_MAX / 4 / size) return NULL;
-    bytes = (count * size + ITN__PIECE - 1) / ITN__PIECE * ITN__PIECE;
+    size_t bytes = (count * size + ITN__PIECE - 1) / ITN__PIECE * ITN__PIECE;
     if (at + bytes > scratch->size) {
         from = itn__scratch_make(scratch->context, bytes), at = 0;
         if (!from) return NULL;
@@ -8176,15 +8044,14 @@ static const char *itn__ior_flaw(const itn__render *render, int asked, const cha
     const itn_scene *scene = render->scene;
     const itn__surface *surfaces = scene->surfaces;
     float ior = render->theta[surfaces[asked].ior];
-    int i, j;
     *where = "";
     if (surfaces[asked].alpha < 0)
         return "a smooth surface refracts into one direction, which jumps with its index: only a "
                "rough surface (alpha > 0) can be differentiated";
     if (ior - 1 <= ITN__SAME_INDEX)
         return "at index 1 the surface vanishes; differentiate at 1.001 or more";
-    for (i = 0; i < scene->object_count; i++)
-        for (j = 0; j < scene->object_count; j++) {
+    for (int i = 0; i < scene->object_count; i++)
+        for (int j = 0; j < scene->object_count; j++) {
             int other = scene->objects[j].surface;
             if (scene->objects[i].surface != asked || !(scene->objects[i].dielectrics >> j & 1) ||
                 (surfaces[other].alpha >= 0 &&
@@ -8214,8 +8081,7 @@ static itn_result itn__choose_walk(itn__render *render, itn_mode mode, const int
     const char *of = "", *lacks = scene->spectral ? "do media that differ between channels"
                          : scene->leaky ? "go through holes of a mesh that was forced"
                          : render->max_scatter ? "limit the number of scatterings" : NULL;
-    int k;
-    for (k = 0; k < render->count; k++)
+    for (int k = 0; k < render->count; k++)
         if (!itn__fast_derivative(scene, parameters[k], render->theta[parameters[k]]))
             lacks = "differentiate here in ", of = scene->parameters[parameters[k]].name;
 #ifdef ITN_NO_FAST
@@ -8229,8 +8095,7 @@ static itn_result itn__choose_walk(itn__render *render, itn_mode mode, const int
 }
 
 static itn_result itn__check_theta(const itn_scene *scene, const float *theta, itn_error *error) {
-    int i;
-    for (i = 0; i < scene->parameter_count; i++) {
+    for (int i = 0; i < scene->parameter_count; i++) {
         const itn_parameter *p = &scene->parameters[i];
         if (!(theta[i] >= p->lower && theta[i] <= p->upper))
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s = %g is not in [%g, %g]", p->name,
@@ -8243,16 +8108,15 @@ static itn_result itn__check_theta(const itn_scene *scene, const float *theta, i
 static itn_result itn__ask(itn__render *render, const int *parameters, itn_error *error) {
     const itn_scene *scene = render->scene;
     const char *flaw = NULL, *where;
-    int k, i;
-    for (k = 0; k < scene->parameter_count; k++) render->slots[k] = -1;
-    for (k = 0; k < render->count; k++) {
+    for (int k = 0; k < scene->parameter_count; k++) render->slots[k] = -1;
+    for (int k = 0; k < render->count; k++) {
         int asked = parameters[k];
         if (asked < 0 || asked >= scene->parameter_count || render->slots[asked] >= 0)
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                              "render: parameter index %d is out of range or asked for twice",
                              asked);
         render->slots[asked] = k, render->only[k] = scene->sources[asked].channel;
-        for (i = 0; i < scene->surface_count && !flaw; i++)
+        for (int i = 0; i < scene->surface_count && !flaw; i++)
             if (scene->surfaces[i].type == ITN_SURFACE_DIELECTRIC &&
                 scene->surfaces[i].ior == asked)
                 flaw = itn__ior_flaw(render, i, &where);
@@ -8273,8 +8137,7 @@ static itn_result itn__check_options(const itn_render_options *options, itn_erro
                  {"mode", (int)options->mode, ITN_MODE_FAST},
                  {"sampler", (int)options->sampler, ITN_SAMPLER_RANDOM},
                  {"estimator", (int)options->estimator, ITN_ESTIMATOR_SCORE}};
-    int k;
-    for (k = 0; k < 6; k++)
+    for (int k = 0; k < 6; k++)
         if (rows[k].value < 0 || rows[k].value > rows[k].upper)
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "render: %s = %d is not in [0, %d]",
                              rows[k].name, rows[k].value, rows[k].upper);
@@ -8289,13 +8152,11 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
                                     const float *theta, const itn_render_options *options,
                                     const int *parameters, int count, itn_error *error) {
     const itn_render_options all = ITN_ZERO, *o = options ? options : &all;
-    size_t size;
-    itn_result result;
     memset(render, 0, sizeof *render);
     if (!scene || count < 0 || (count && !parameters) || count > scene->parameter_count)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "render: scene or parameters missing, or count %d out of range", count);
-    result = itn__check_options(o, error);
+    itn_result result = itn__check_options(o, error);
     if (result) return result;
     render->scene = scene, render->channels = scene->film.channels, render->count = count;
     render->pixels = (size_t)scene->film.width * (size_t)scene->film.height;
@@ -8310,7 +8171,7 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
     render->scratch = (itn__scratch *)itn__once_take(&scene->kept[ITN__SCRATCH]);
     if (!render->scratch) render->scratch = itn__scratch_make(&scene->context, 0);
     if (!render->scratch) return itn__out_of_memory(error, "a render");
-    size = (size_t)scene->parameter_count;
+    size_t size = (size_t)scene->parameter_count;
     render->theta = (float *)itn__take(render->scratch, size, sizeof(float));
     render->slots = (int *)itn__take(render->scratch, size, sizeof(int));
     render->only = (int *)itn__take(render->scratch, size, sizeof(int));
@@ -8345,19 +8206,17 @@ static itn_result itn__render_end(itn__render *render, itn_result result) {
 /* A walk of the reference, with memory for the scores of a path, those of a shadow ray, and
    derivatives. Returns 0 if there is none. */
 static int itn__walk_make(itn__walk *walk, const itn__render *render, itn__texels *texels) {
-    size_t block;
-    int k;
     memset(walk, 0, sizeof *walk);
     walk->scene = render->scene, walk->theta = render->theta, walk->slots = render->slots;
     walk->channels = render->channels, walk->count = walk->score_count = render->count;
     walk->max_scatter = render->max_scatter, walk->texels = texels;
     if (texels && texels->texture) walk->score_count += ITN__TOUCHES;
-    for (k = 0; k < render->scene->parameter_count && render->count; k++) {
+    for (int k = 0; k < render->scene->parameter_count && render->count; k++) {
         float faint = itn__is_a(render->scene, k, 'S') ? .1f : 0;
         if (itn__is_a(render->scene, k, 'R')) faint = .025f / render->scene->radius;
         if (render->slots[k] >= 0 && render->theta[k] < faint) walk->sheltered = 6;
     }
-    block = (size_t)walk->channels * (size_t)walk->score_count;
+    size_t block = (size_t)walk->channels * (size_t)walk->score_count;
     walk->weight.score = (float *)itn__take(render->scratch, block, 3 * sizeof(float));
     walk->connection.score = walk->weight.score ? walk->weight.score + block : NULL;
     walk->derivative = walk->weight.score ? walk->connection.score + block : NULL;
@@ -8371,8 +8230,7 @@ enum { ITN__TEXEL_COPIES = 16, ITN__TEXEL_VALUES = 4 << 20 };
 
 static void itn__texels_end(itn__texels *texels, const float *weight, size_t plane,
                             double per_path) {
-    int k;
-    for (k = 0; k < texels->touched_count; k++) {
+    for (int k = 0; k < texels->touched_count; k++) {
         size_t at = (size_t)texels->touched[k], c = at / (size_t)texels->count;
         double value = (double)weight[c * plane] * texels->path[at] * per_path;
         texels->sums[at] += value, texels->squares[at] += value * value, texels->path[at] = 0;
@@ -8394,13 +8252,13 @@ static int itn__texels_make(const itn__render *render, itn__texels *texels) {
 /* The samples of a unit by the reference. */
 static void itn__walk_unit(const itn__render *render, itn__worker *worker) {
     const itn__unit *unit = &worker->unit;
-    int channels = render->channels, number, sample;
+    int channels = render->channels;
     itn__walk *walk = &worker->walk;
     float *values = worker->values;
     size_t pixel, width = (size_t)render->scene->film.width;
-    for (number = 0; number < unit->side * unit->side * unit->count; number++) {
+    for (int number = 0; number < unit->side * unit->side * unit->count; number++) {
         int seen = itn__unit_pixel(render->scene, unit, number / unit->count, &pixel);
-        sample = unit->first + number % unit->count;
+        int sample = unit->first + number % unit->count;
         if (seen && sample < itn__pixel_samples(render, pixel)) {
             itn__sample_pixel(walk, render->seed, (int)(pixel % width), (int)(pixel / width),
                               sample);
@@ -8419,9 +8277,8 @@ static void itn__walk_unit(const itn__render *render, itn__worker *worker) {
 /* What sum k has of a sample, from its planes: one of them, or a derivative folded. */
 static double itn__folded(const itn__render *render, size_t pixel, const float *values, int k) {
     double sum = 0;
-    int c;
     if (!render->weights) return (double)values[k];
-    for (c = 0; c < render->channels; c++)
+    for (int c = 0; c < render->channels; c++)
         sum += (double)render->weights[(size_t)c * render->pixels + pixel] *
                (double)values[render->channels * (1 + k) + c];
     return sum;
@@ -8432,15 +8289,15 @@ static void itn__sum_unit(const itn__render *render, const itn__worker *worker) 
     const itn__unit *unit = &worker->unit;
     const float *values = worker->values;
     size_t pixel, planes = (size_t)render->planes, sums = (size_t)render->sums;
-    int cell, k, ray;
-    for (cell = 0; cell < unit->side * unit->side; cell++, values += planes * (size_t)unit->count) {
-        int seen = itn__unit_pixel(render->scene, unit, cell, &pixel), count;
+    for (int cell = 0; cell < unit->side * unit->side;
+         cell++, values += planes * (size_t)unit->count) {
+        int seen = itn__unit_pixel(render->scene, unit, cell, &pixel);
         if (!seen) continue;
-        count = itn__pixel_samples(render, pixel) - unit->first;
+        int count = itn__pixel_samples(render, pixel) - unit->first;
         if (count > unit->count) count = unit->count;
-        for (k = 0; k < render->sums; k++) {
+        for (int k = 0; k < render->sums; k++) {
             double *totals = render->totals + 2 * (pixel * sums + (size_t)k), sum = 0;
-            for (ray = 0; ray < count; ray++) {
+            for (int ray = 0; ray < count; ray++) {
                 int n = ray % render->set + 1;
                 sum += itn__folded(render, pixel, values + (size_t)ray * planes, k);
                 if (n < render->set && ray + 1 < count) continue;
@@ -8472,9 +8329,9 @@ static void itn__render_worker(void *task, int index) {
     itn__render *render = (itn__render *)task;
     itn__worker *worker = &render->workers[index];
     size_t size = (size_t)(render->side * render->side * render->unit_rays * render->planes);
-    int tile = itn__next_tile(render, render->first - 1, index), chunk;
+    int tile = itn__next_tile(render, render->first - 1, index);
     for (; tile < render->end; tile = itn__next_tile(render, tile, index))
-        for (chunk = 0; chunk < render->chunks; chunk++) {
+        for (int chunk = 0; chunk < render->chunks; chunk++) {
             memset(worker->values, 0, size * sizeof(float));
             worker->unit = itn__unit_make(render, tile, chunk);
 #ifndef ITN_NO_FAST
@@ -8494,10 +8351,9 @@ static void itn__render_worker(void *task, int index) {
 static itn__crowd *itn__crowd_make(const itn__render *render, float *radiance) {
     size_t substances = 1 + (size_t)render->scene->medium_count, count = (size_t)render->count;
     itn__crowd *crowd = (itn__crowd *)itn__take_raw(render->scratch, 1, sizeof *crowd);
-    int i;
     if (!crowd) return NULL;
-    for (i = 0; i < ITN__CROWD; i++) crowd->unused[i] = ITN__CROWD - 1 - i;
-    for (i = 0; i < ITN__CROWD && render->learning; i++) crowd->paths[i].mark = 0;
+    for (int i = 0; i < ITN__CROWD; i++) crowd->unused[i] = ITN__CROWD - 1 - i;
+    for (int i = 0; i < ITN__CROWD && render->learning; i++) crowd->paths[i].mark = 0;
     crowd->unused_count = ITN__CROWD, crowd->ray_count = 0;
     crowd->exact.count = crowd->sky.count = 0, crowd->collisions = 0;
     crowd->render = render, crowd->radiance = radiance;
@@ -8529,13 +8385,12 @@ enum { ITN__TILE = 8, ITN__UNIT_PATHS = 16384 }; /* at most, or for one set more
 /* Divides the work, and takes memory for it. Small pictures have small tiles, so that there is work
    for many. */
 static itn_result itn__divide(itn__render *render, itn_error *error) {
-    int width = render->scene->film.width, height = render->scene->film.height, cells, sets, i;
-    int good;
+    int width = render->scene->film.width, height = render->scene->film.height;
     render->side = (int)itn__clamp((float)(width < height ? width : height) / (float)ITN__TILE, 1,
                                    ITN__TILE);
     render->tiles = ((width - 1) / render->side + 1) * ((height - 1) / render->side + 1);
-    cells = render->side * render->side;
-    sets = ITN__UNIT_PATHS / (render->fast ? 1 : render->planes + 1);
+    int cells = render->side * render->side;
+    int sets = ITN__UNIT_PATHS / (render->fast ? 1 : render->planes + 1);
     sets /= cells * render->walks * render->set;
     render->unit_rays = render->set * (sets < 1 ? 1 : sets);
     if (render->unit_rays > render->spp) render->unit_rays = render->spp;
@@ -8552,8 +8407,8 @@ static itn_result itn__divide(itn__render *render, itn_error *error) {
                                                sizeof *render->workers);
     render->totals = (double *)itn__take(render->scratch, render->pixels,
                                          (size_t)render->sums * 2 * sizeof(double));
-    good = render->workers && render->totals;
-    for (i = 0; i < render->worker_count && good; i++)
+    int good = render->workers && render->totals;
+    for (int i = 0; i < render->worker_count && good; i++)
         good = itn__worker_make(render, &render->workers[i], cells * render->unit_rays);
     return good ? ITN_OK : itn__out_of_memory(error, "a render");
 }
@@ -8561,7 +8416,7 @@ static itn_result itn__divide(itn__render *render, itn_error *error) {
 /* Does all tiles, in eight groups if somebody watches. */
 static itn_result itn__do_tiles(itn__render *render, itn_error *error) {
     itn_result result = itn__divide(render, error);
-    int group = render->progress ? (render->tiles + 7) / 8 : render->tiles, i;
+    int group = render->progress ? (render->tiles + 7) / 8 : render->tiles;
     if (result) return result;
     for (render->first = 0; render->first < render->tiles; render->first = render->end) {
         render->end = render->tiles - render->first < group ? render->tiles
@@ -8575,7 +8430,7 @@ static itn_result itn__do_tiles(itn__render *render, itn_error *error) {
             return itn__fail(error, ITN_ERROR_CANCELLED, 0, "render: cancelled");
     }
     render->stats.paths += render->samples * render->walks;
-    for (i = 0; i < render->worker_count; i++)
+    for (int i = 0; i < render->worker_count; i++)
         render->stats.collisions += render->workers[i].collisions;
     return ITN_OK;
 }
@@ -8585,10 +8440,9 @@ static itn_result itn__do_tiles(itn__render *render, itn_error *error) {
    stay unbiased. */
 static itn_result itn__learn_values(itn__render *render, itn_error *error) {
     double pixels = (double)render->pixels;
-    int media = render->scene->medium_count, learnt = 0, m, i, k;
+    int media = render->scene->medium_count, learnt = 0;
     size_t mark = render->scratch->used;
     itn__render pilot = *render;
-    itn_result result;
     pilot.weights = NULL, pilot.samples_of = NULL, pilot.share = 0;
     pilot.walks = (int)itn__clamp((float)(ITN__LESSONS / pixels), 1, (float)render->walks);
     pilot.spp = (int)fmax(1, fmin(ITN__LESSONS / (pixels * pilot.walks), render->spp / 8 + 1));
@@ -8596,11 +8450,11 @@ static itn_result itn__learn_values(itn__render *render, itn_error *error) {
     pilot.set = pilot.sobol ? itn__set_size(pilot.spp) : 1;
     pilot.seed = itn__mix64(render->seed + 1);
     pilot.learning = 1, pilot.controls = pilot.scales = 0, pilot.rows = ITN__ROWS;
-    result = itn__do_tiles(&pilot, error);
-    for (m = 1; m <= media && !result; m++) {
+    itn_result result = itn__do_tiles(&pilot, error);
+    for (int m = 1; m <= media && !result; m++) {
         double *lessons = pilot.workers[0].crowd->lessons + m * ITN__LESSON_SUMS;
-        for (i = 1; i < pilot.worker_count; i++)
-            for (k = 0; k < ITN__LESSON_SUMS; k++)
+        for (int i = 1; i < pilot.worker_count; i++)
+            for (int k = 0; k < ITN__LESSON_SUMS; k++)
                 lessons[k] += pilot.workers[i].crowd->lessons[m * ITN__LESSON_SUMS + k];
         learnt |= itn__fit_value(render, &render->substances[m], lessons);
     }
@@ -8661,10 +8515,10 @@ static double itn__pixel_mean(const itn__render *render, size_t pixel, int k, do
 static itn_result itn__make_planes(const itn__render *render, int width, int height,
                                    const int *parameters, itn_image *image, itn_error *error) {
     static const char *const names[2][3] = {{"Y", "", ""}, {"R", "G", "B"}};
-    int channels = render->channels, count = 2 * (1 + render->count) * channels, k;
+    int channels = render->channels, count = 2 * (1 + render->count) * channels;
     itn_result result = itn_image_create(width, height, count, &render->scene->context, image,
                                          error);
-    for (k = 0; k < count && !result; k++) {
+    for (int k = 0; k < count && !result; k++) {
         char layer[ITN_NAME_SIZE + 16] = "";
         int v = k / channels % 2;
         if (k >= 2 * channels) {
@@ -8684,14 +8538,14 @@ static itn_result itn__make_planes(const itn__render *render, int width, int hei
 /* Means and variances become an image: of each group of channels the means, then the variances. */
 static itn_result itn__develop(const itn__render *render, const int *parameters, itn_image *image,
                                itn_error *error) {
-    size_t pixels = render->pixels, i;
+    size_t pixels = render->pixels;
     itn_result result = itn__make_planes(render, render->scene->film.width,
                                          render->scene->film.height, parameters, image, error);
     double variance;
-    int k, channels = render->channels;
-    for (k = 0; k < render->planes && !result; k++) {
+    int channels = render->channels;
+    for (int k = 0; k < render->planes && !result; k++) {
         float *plane = image->pixels + (size_t)(2 * k - k % channels) * pixels;
-        for (i = 0; i < pixels; i++) {
+        for (size_t i = 0; i < pixels; i++) {
             plane[i] = (float)itn__pixel_mean(render, i, k, &variance);
             plane[(size_t)channels * pixels + i] = (float)variance;
         }
@@ -8713,10 +8567,9 @@ ITN_API itn_result itn_scene_prepare(const itn_scene *scene, const float *theta,
 
 /* Takes in how many samples pixels have each. */
 static itn_result itn__spread_samples(itn__render *render, const int *samples, itn_error *error) {
-    size_t i;
     render->samples_of = samples, render->samples = 0;
     render->least = 1 << 24, render->spp = 1;
-    for (i = 0; i < render->pixels; i++) {
+    for (size_t i = 0; i < render->pixels; i++) {
         if (samples[i] < 1 || samples[i] > 1 << 24)
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                              "itn_render: samples[%d] = %d is not in [1, %d]", (int)i, samples[i],
@@ -8734,12 +8587,11 @@ ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
     itn_render_options own = ITN_ZERO;
     itn__render render;
     itn_image made = ITN_ZERO;
-    itn_result result;
     const int *samples;
     if (!image) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_render: image is NULL");
     if (options) own = *options;
     samples = own.samples, own.samples = NULL;
-    result = itn__render_begin(&render, scene, theta, &own, parameters, count, error);
+    itn_result result = itn__render_begin(&render, scene, theta, &own, parameters, count, error);
     if (!result && samples) result = itn__spread_samples(&render, samples, error);
     if (!result) result = itn__render_run(&render, error);
     if (!result) result = itn__develop(&render, parameters, &made, error);
@@ -8760,8 +8612,7 @@ static itn_result itn__fold_begin(itn__render *render, const itn_scene *scene, c
                                   const itn_render_options *options, const float *given,
                                   const int *parameters, int count, itn_error *error) {
     itn_result result = itn__render_begin(render, scene, theta, options, parameters, count, error);
-    size_t i;
-    for (i = 0; !result && i < render->pixels * (size_t)render->channels; i++)
+    for (size_t i = 0; !result && i < render->pixels * (size_t)render->channels; i++)
         if (!itn__finite(given[i]))
             result = itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                                "render: value %d of the weights or the target is not finite",
@@ -8773,14 +8624,11 @@ static itn_result itn__fold_begin(itn__render *render, const itn_scene *scene, c
    NULL. */
 static itn_result itn__fold(itn__render *render, const float *weights, double *gradient,
                             double *variance, itn_error *error) {
-    itn_result result;
-    size_t i;
-    int k;
     render->weights = weights, render->sums = render->count;
-    result = itn__render_run(render, error);
-    for (k = 0; k < render->count && !result; k++) {
+    itn_result result = itn__render_run(render, error);
+    for (int k = 0; k < render->count && !result; k++) {
         double sum = 0, spread = 0, own;
-        for (i = 0; i < render->pixels; i++)
+        for (size_t i = 0; i < render->pixels; i++)
             sum += itn__pixel_mean(render, i, k, &own), spread += own;
         gradient[k] = sum;
         if (variance) variance[k] = spread;
@@ -8793,11 +8641,11 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
                                        const int *parameters, int count, double *gradient,
                                        double *variance, itn_error *error) {
     itn__render render;
-    itn_result result;
     if (!scene || !weights || !gradient || count < 1)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_render_gradient: NULL argument or count %d", count);
-    result = itn__fold_begin(&render, scene, theta, options, weights, parameters, count, error);
+    itn_result result =
+        itn__fold_begin(&render, scene, theta, options, weights, parameters, count, error);
     if (!result) result = itn__fold(&render, weights, gradient, variance, error);
     return itn__render_end(&render, result);
 }
@@ -8805,14 +8653,13 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
 /* The images of that name's surface and light; returns how many there are. */
 static int itn__find_texels(const itn_scene *scene, const char *item, itn__texels *texels) {
     size_t length = strlen(item);
-    int i;
-    for (i = 0; i < scene->surface_count && !texels->texture; i++) {
+    for (int i = 0; i < scene->surface_count && !texels->texture; i++) {
         const itn__surface *surface = &scene->surfaces[i];
         if (strcmp(surface->name, item) || !surface->texels) continue;
         texels->texture = surface, texels->width = surface->width;
         texels->count = surface->width * surface->height;
     }
-    for (i = 0; i < scene->light_count && !texels->map; i++) {
+    for (int i = 0; i < scene->light_count && !texels->map; i++) {
         const itn__light *light = &scene->lights[i];
         const char *name = scene->parameters[light->parameter].name; /* item.scale */
         if (!light->map || strncmp(name, item, length) || name[length] != '.') continue;
@@ -8830,13 +8677,10 @@ ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float
     itn__render render;
     itn__texels texels;
     itn_image made = ITN_ZERO;
-    itn_result result;
-    size_t i;
-    int found, k;
     memset(&texels, 0, sizeof texels);
     if (!scene || !weights || !item || !gradient)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_render_texel_gradient: NULL argument");
-    found = itn__find_texels(scene, item, &texels);
+    int found = itn__find_texels(scene, item, &texels);
     if (found != 1)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_render_texel_gradient: %s \"%.32s\" that has an image",
@@ -8847,15 +8691,15 @@ ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float
                          "itn_render_texel_gradient: the fast walk cannot differentiate in the "
                          "values of an image; the reference can");
     own.mode = ITN_MODE_REFERENCE;
-    result = itn__fold_begin(&render, scene, theta, &own, weights, NULL, 0, error);
+    itn_result result = itn__fold_begin(&render, scene, theta, &own, weights, NULL, 0, error);
     render.weights = weights, render.texels = &texels, render.sums = 0;
     if (!result) result = itn__render_run(&render, error);
     if (!result)
         result = itn__make_planes(&render, texels.width, texels.count / texels.width, NULL, &made,
                                   error);
-    for (i = 0; !result && i < 2 * (size_t)(render.channels * texels.count); i++) {
+    for (size_t i = 0; !result && i < 2 * (size_t)(render.channels * texels.count); i++) {
         double sum = 0; /* of all workers: the gradient, by channels, then its variance */
-        for (k = 0; k < render.worker_count; k++) sum += render.workers[k].texels.sums[i];
+        for (int k = 0; k < render.worker_count; k++) sum += render.workers[k].texels.sums[i];
         made.pixels[i] = (float)sum;
     }
     if (!result) *gradient = made;
@@ -8864,12 +8708,10 @@ ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float
 
 /* The loss of a render, and its derivatives by the pixels: weights [channels][height][width]. */
 static double itn__loss_weights(const itn__render *render, const float *target, float *weights) {
-    double values = (double)render->pixels * render->channels, sum = 0, residual, variance;
-    size_t i;
-    int c;
-    for (c = 0; c < render->channels; c++)
-        for (i = 0; i < render->pixels; i++, weights++) {
-            residual = itn__pixel_mean(render, i, c, &variance) - *target++;
+    double values = (double)render->pixels * render->channels, sum = 0, variance;
+    for (int c = 0; c < render->channels; c++)
+        for (size_t i = 0; i < render->pixels; i++, weights++) {
+            double residual = itn__pixel_mean(render, i, c, &variance) - *target++;
             sum += residual * residual - (float)variance; /* infinite beyond what floats hold */
             *weights = (float)(2 * residual / values);
         }
@@ -8881,11 +8723,10 @@ static itn_result itn__render_loss(itn__render *render, itn_mode mode, const flo
                                    float *weights, double *loss, itn_error *error) {
     size_t mark = render->scratch->used;
     itn__render residual = *render;
-    itn_result result;
     residual.count = 0, residual.planes = residual.sums = residual.channels;
     residual.seed = itn__mix64(~render->seed), render->seed = itn__mix64(residual.seed + 1);
     if (render->count) residual.share = render->share = render->done = .5;
-    result = itn__choose_walk(&residual, mode, NULL, error);
+    itn_result result = itn__choose_walk(&residual, mode, NULL, error);
     if (!result) result = itn__render_run(&residual, error);
     if (result) return result;
     *loss = itn__loss_weights(&residual, target, weights);
@@ -8902,14 +8743,14 @@ ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
                                      const int *parameters, int count, double *loss,
                                      double *gradient, itn_error *error) {
     itn__render render;
-    itn_result result;
     float *weights = NULL;
     double value = 0;
     if (!scene || !target || !loss || count < 0 || (count && !gradient) ||
         (options && options->spp == 1))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_loss_gradient: NULL argument, count %d, or spp below 2", count);
-    result = itn__fold_begin(&render, scene, theta, options, target, parameters, count, error);
+    itn_result result =
+        itn__fold_begin(&render, scene, theta, options, target, parameters, count, error);
     if (!result)
         weights = (float *)itn__take_raw(render.scratch, render.pixels,
                                          (size_t)render.channels * sizeof(float));
@@ -9052,17 +8893,17 @@ static itn__window itn__window_make(const itn__conv *c, size_t number) {
    weights that begin at w; those of the next panel are asked for. */
 ITN__NOINLINE void itn__conv_tile(const itn__conv *c, size_t inputs, const float *patch,
                                   const float *w, float *sums) {
-    size_t below = c->in.row, right = c->in.lanes, outputs = c->out.channels, x, y, k;
+    size_t below = c->in.row, right = c->in.lanes, outputs = c->out.channels;
     size_t taps = c->in.channels == right ? 3 : 1; /* of a row: one run of inputs and of weights */
     itn__floats sum[8]; /* [4][2] */
     int p;
     ITN__UNROLL
     for (p = 0; p < 8; p++) sum[p] = itn__load(sums + p * ITN__LANES);
-    for (y = 0; y < 3; y++)
-        for (x = 0; x < 3; x += taps) {
+    for (size_t y = 0; y < 3; y++)
+        for (size_t x = 0; x < 3; x += taps) {
             const float *row = w + (3 * y + x) * c->in.channels * outputs;
             const float *at = patch + y * below + x * right;
-            for (k = 0; k < taps * inputs; k++, at++, row += outputs) {
+            for (size_t k = 0; k < taps * inputs; k++, at++, row += outputs) {
                 itn__floats w0 = itn__load(row), w1 = itn__load(row + ITN__LANES);
                 ITN__HOLD(w0);
                 ITN__HOLD(w1);
@@ -9085,8 +8926,7 @@ static void itn__conv_pool(const itn__conv *c, size_t out, const float *sums, co
     itn__floats zero = itn__splat(0), best = itn__load(sums), bias = itn__load(biases);
     itn__floats bad = zero * best + zero * bias;
     itn__ints which = itn__splat_int(0), open;
-    int corner;
-    for (corner = 1; corner < 4; corner++) {
+    for (int corner = 1; corner < 4; corner++) {
         itn__floats sum = itn__load(sums + corner * ITN__PANEL);
         itn__ints more = itn__less(best, sum);
         bad += zero * sum;
@@ -9101,14 +8941,14 @@ static void itn__conv_pool(const itn__conv *c, size_t out, const float *sums, co
 static void itn__conv_forward_part(void *data, int index) {
     const itn__conv *c = (const itn__conv *)data;
     size_t windows = itn__conv_windows(c), parts = (windows - 1) / ITN__TASK_TILES + 1;
-    size_t first = (size_t)index % parts * ITN__TASK_TILES, lanes = c->in.lanes, i, o, k;
+    size_t first = (size_t)index % parts * ITN__TASK_TILES, lanes = c->in.lanes, o, k;
     size_t count = itn__fewer(windows - first, ITN__TASK_TILES), inputs = c->in.channels;
     size_t begin = (size_t)index / parts * c->task_outputs;
     size_t end = itn__fewer(begin + c->task_outputs, c->out.channels);
     float sums[ITN__TASK_TILES][4 * ITN__PANEL] = {{0}}, (*sum)[4 * ITN__PANEL];
     itn__window taken[ITN__TASK_TILES];
     for (k = 0; k < count; k++) taken[k] = itn__window_make(c, first + k);
-    for (i = 0; i < inputs; i += lanes)
+    for (size_t i = 0; i < inputs; i += lanes)
         for (o = begin, sum = sums; o < end; o += ITN__PANEL)
             for (k = 0; k < count; k++, sum++)
                 itn__conv_tile(c, itn__fewer(inputs - i, lanes),
@@ -9139,10 +8979,9 @@ typedef struct itn__list {
    derivatives of weights, a list for each output, or of inputs, one for each pixel of a window. */
 static void itn__fill_lists(const itn__conv *c, size_t window, size_t windows, size_t output,
                             size_t outputs, int weights, itn__list *lists) {
-    size_t k, o;
-    for (k = 0; k < windows; k++) {
+    for (size_t k = 0; k < windows; k++) {
         itn__window w = itn__window_make(c, window + k);
-        for (o = output; o < output + outputs; o++) {
+        for (size_t o = output; o < output + outputs; o++) {
             size_t out = w.out + o / ITN__LANES * c->out.plane + o % ITN__LANES;
             size_t chosen = c->chosen[out]; /* of the 4x4 pixels: the 3x3 around it */
             size_t in = w.in + chosen / 2 % 2 * c->in.row + chosen % 2 * c->in.lanes;
@@ -9158,12 +8997,12 @@ static void itn__fill_lists(const itn__conv *c, size_t window, size_t windows, s
 ITN__NOINLINE void itn__add_list(const itn__list *list, const float *from, size_t row, size_t pixel,
                                  float *to, size_t to_row, size_t to_pixel) {
     itn__floats sum[3][3];
-    size_t k, y, x;
+    size_t y, x;
     ITN__UNROLL
     for (y = 0; y < 3; y++)
         ITN__UNROLL
         for (x = 0; x < 3; x++) sum[y][x] = itn__load(to + y * to_row + x * to_pixel);
-    for (k = 0; k < list->count; k++) {
+    for (size_t k = 0; k < list->count; k++) {
         const float *patch = from + list->at[k];
         itn__floats scale = itn__splat(list->d[k]);
         ITN__UNROLL
@@ -9181,14 +9020,15 @@ ITN__NOINLINE void itn__add_list(const itn__list *list, const float *from, size_
    or of these to images. */
 static void itn__add_lists(const itn__conv *c, size_t count, const float *from, float *to,
                            int weights, itn__list *lists) {
-    size_t row[2] = {3 * ITN__LANES, c->in.row}, pixel[2] = {ITN__LANES, c->in.lanes}, i, k;
+    size_t row[2] = {3 * ITN__LANES, c->in.row}, pixel[2] = {ITN__LANES, c->in.lanes};
     size_t next[2] = {c->out.channels * ITN__PATCH, c->in.plane};
-    for (i = 0; i < c->in.channels; i += ITN__LANES, from += next[weights], to += next[!weights])
-        for (k = 0; k < count; k++)
+    for (size_t i = 0; i < c->in.channels;
+         i += ITN__LANES, from += next[weights], to += next[!weights])
+        for (size_t k = 0; k < count; k++)
             if (lists[k].count)
                 itn__add_list(&lists[k], from, row[weights], pixel[weights], to + lists[k].to,
                               row[!weights], pixel[!weights]);
-    for (k = 0; k < count; k++) lists[k].count = 0;
+    for (size_t k = 0; k < count; k++) lists[k].count = 0;
 }
 
 /* Floats of turned weights. */
@@ -9200,27 +9040,27 @@ static size_t itn__conv_turned(const itn__conv *c) {
 static void itn__weights_part(void *data, int index) {
     const itn__conv *c = (const itn__conv *)data;
     size_t begin = (size_t)index * ITN__TASK_OUTPUTS, windows = itn__conv_windows(c);
-    size_t outputs = itn__fewer(c->out.channels - begin, ITN__TASK_OUTPUTS), o, k, i, tap, first;
+    size_t outputs = itn__fewer(c->out.channels - begin, ITN__TASK_OUTPUTS);
     size_t next = c->out.channels * ITN__PATCH; /* to the turned weights of other inputs */
     float *turned = c->turned + begin * ITN__PATCH;
     itn__list lists[ITN__TASK_OUTPUTS];
-    for (o = 0; o < outputs; o++) lists[o].count = 0;
-    for (i = 0; i < c->in.channels; i += ITN__LANES)
+    for (size_t o = 0; o < outputs; o++) lists[o].count = 0;
+    for (size_t i = 0; i < c->in.channels; i += ITN__LANES)
         memset(turned + i / ITN__LANES * next, 0, outputs * ITN__PATCH * sizeof(float));
-    for (first = 0; first < windows; first += ITN__LIST) {
+    for (size_t first = 0; first < windows; first += ITN__LIST) {
         itn__fill_lists(c, first, itn__fewer(windows - first, ITN__LIST), begin, outputs, 1, lists);
-        for (o = 0; o < outputs; o++) {
+        for (size_t o = 0; o < outputs; o++) {
             float sum = 0;
-            for (k = 0; k < lists[o].count; k++) sum += lists[o].d[k];
+            for (size_t k = 0; k < lists[o].count; k++) sum += lists[o].d[k];
             c->d_bias[begin + o] += sum;
         }
         itn__add_lists(c, outputs, c->images, c->turned, 1, lists);
     }
-    for (i = 0; i < c->in.channels; i++)
-        for (tap = 0; tap < 9; tap++) {
+    for (size_t i = 0; i < c->in.channels; i++)
+        for (size_t tap = 0; tap < 9; tap++) {
             size_t at = (tap * c->in.channels + i) * c->out.channels + begin;
             float *sums = turned + i / ITN__LANES * next + tap * ITN__LANES + i % ITN__LANES;
-            for (o = 0; o < outputs; o++, sums += ITN__PATCH)
+            for (size_t o = 0; o < outputs; o++, sums += ITN__PATCH)
                 c->d_w[at + o] += *sums, *sums = c->w[at + o];
         }
 }
@@ -9230,14 +9070,14 @@ static void itn__weights_part(void *data, int index) {
 static void itn__inputs_part(void *data, int index) {
     enum { LISTS = ITN__TASK_WINDOWS * (ITN__SHUT + 1) };
     const itn__conv *c = (const itn__conv *)data;
-    size_t image = (size_t)index * c->task_images, outputs = c->out.channels, k, o;
+    size_t image = (size_t)index * c->task_images, outputs = c->out.channels;
     size_t images = itn__fewer(c->batch - image, c->task_images);
     size_t windows = c->out.height * c->out.width, end = (image + images) * windows;
     itn__list lists[LISTS];
-    for (k = 0; k < LISTS; k++) lists[k].count = 0;
+    for (size_t k = 0; k < LISTS; k++) lists[k].count = 0;
     memset(c->d_images + image * c->in.size, 0, images * c->in.size * sizeof(float));
-    for (k = image * windows; k < end; k += ITN__TASK_WINDOWS)
-        for (o = 0; o < outputs; o += ITN__LIST) {
+    for (size_t k = image * windows; k < end; k += ITN__TASK_WINDOWS)
+        for (size_t o = 0; o < outputs; o += ITN__LIST) {
             itn__fill_lists(c, k, itn__fewer(end - k, ITN__TASK_WINDOWS), o,
                             itn__fewer(outputs - o, ITN__LIST), 0, lists);
             itn__add_lists(c, LISTS, c->turned, c->d_images, 0, lists);
@@ -9267,8 +9107,7 @@ static void itn__conv_backward(const itn_context *context, itn__conv *c) {
 ITN_API double itn_loss_parameters(int count, const float *predicted, const float *truth,
                                    float *gradient) {
     double loss = 0;
-    int k;
-    for (k = 0; k < count; k++) {
+    for (int k = 0; k < count; k++) {
         double difference = (double)predicted[k] - (double)truth[k];
         loss += difference * difference;
         gradient[k] = (float)(2 * difference);
@@ -9280,19 +9119,16 @@ ITN_API itn_result itn_loss_image(const itn_scene *scene, const float *theta,
                                   const itn_render_options *options, const float *image,
                                   const int *parameters, int count, const float *predicted,
                                   double *loss, double *gradient, itn_error *error) {
-    const itn_parameter *p;
     itn_result result = ITN_OK;
-    float *values;
-    int k;
     if (!scene || !parameters || !predicted || !loss || !gradient || count < 1)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_loss_image: a pointer is NULL or count is below 1");
-    values = ITN__NEW(float, &scene->context, scene->parameter_count);
+    float *values = ITN__NEW(float, &scene->context, scene->parameter_count);
     if (!values) return itn__out_of_memory(error, "the parameters of a scene");
     itn_parameter_values(scene, values);
     if (theta) memcpy(values, theta, (size_t)scene->parameter_count * sizeof *values);
-    for (k = 0; k < count && !result; k++) {
-        p = itn_parameter_get(scene, parameters[k]);
+    for (int k = 0; k < count && !result; k++) {
+        const itn_parameter *p = itn_parameter_get(scene, parameters[k]);
         if (!p || !itn__finite((double)predicted[k]))
             result = itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                                "itn_loss_image: coordinate %d is %g, of parameter %d of %d", k,
@@ -9305,7 +9141,7 @@ ITN_API itn_result itn_loss_image(const itn_scene *scene, const float *theta,
     if (!result)
         result = itn_loss_gradient(scene, values, options, image, parameters, count, loss, gradient,
                                    error);
-    for (k = 0; k < count && !result; k++)
+    for (int k = 0; k < count && !result; k++)
         gradient[k] *= itn_parameter_slope(&scene->parameters[parameters[k]],
                                            (double)values[parameters[k]]);
     itn__free(&scene->context, values);
@@ -9348,11 +9184,11 @@ static itn_result itn__net_desc_fill(const itn_net_desc *given, itn_net_desc *de
     } rows[ITN__NET_SIZES] = {{"width", 128, 8192}, {"height", 128, 8192}, {"channels", 2, 1024},
                               {"layer_count", 7, ITN__NET_LAYERS}, {"first_channels", 16, 65536},
                               {"outputs", 3, 4096}, {"batch", 16, 65536}};
-    int sizes[ITN__NET_SIZES], k, halvings;
+    int sizes[ITN__NET_SIZES];
     memset(desc, 0, sizeof *desc);
     if (given) *desc = *given;
     memcpy(sizes, desc, sizeof sizes);
-    for (k = 0; k < ITN__NET_SIZES; k++) {
+    for (int k = 0; k < ITN__NET_SIZES; k++) {
         if (sizes[k] == 0) sizes[k] = rows[k].standard;
         if (sizes[k] < 1 || sizes[k] > rows[k].most)
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
@@ -9360,7 +9196,7 @@ static itn_result itn__net_desc_fill(const itn_net_desc *given, itn_net_desc *de
                              rows[k].most);
     }
     memcpy(desc, sizes, sizeof sizes);
-    halvings = 1 << desc->layer_count;
+    int halvings = 1 << desc->layer_count;
     if (desc->first_channels > 2 * 65536 / halvings || desc->width % halvings ||
         desc->height % halvings)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
@@ -9378,8 +9214,7 @@ static int itn__net_sizes(itn_net *net) {
     size_t height = (size_t)d->height, width = (size_t)d->width, from = (size_t)d->channels;
     size_t to = (size_t)d->first_channels;
     double floats = 0, limit = fmin(137438953472., (double)(SIZE_MAX / 32));
-    int l;
-    for (l = 0; l < d->layer_count; l++, from = to, to *= 2) {
+    for (int l = 0; l < d->layer_count; l++, from = to, to *= 2) {
         itn__conv *c = &net->layers[l];
         floats += d->batch * (((double)height + 2) * ((double)width + 2) *
                                   (double)(from + to + 4 * ITN__LANES) + 256) +
@@ -9401,7 +9236,6 @@ static int itn__net_allocate(itn_net *net) {
     size_t batch = (size_t)net->desc.batch, outputs = batch * (size_t)net->desc.outputs;
     size_t count = (net->count + 15) / 16 * 16, given = batch * net->layers[0].in.size;
     float *at, *images;
-    int l;
     net->memory = itn__allocate(&net->context, 4 * count + given + net->size + outputs + 16,
                                 sizeof *at);
     if (!net->memory) return 0;
@@ -9409,7 +9243,7 @@ static int itn__net_allocate(itn_net *net) {
     net->gradients = net->d_full = at, at += count;
     net->parameters = net->full = at, net->moments = at + net->count, at += 3 * count;
     net->images = images = at, at += given;
-    for (l = 0; l < net->desc.layer_count; l++) {
+    for (int l = 0; l < net->desc.layer_count; l++) {
         itn__conv *c = &net->layers[l];
         size_t weights = 9 * c->in.channels * c->out.channels, size = batch * c->out.size;
         c->images = images, c->d_images = l > 0 ? net->layers[l - 1].d_pooled : NULL;
@@ -9425,9 +9259,8 @@ static int itn__net_allocate(itn_net *net) {
 }
 
 ITN_API void itn_net_free(itn_net *net) {
-    itn_context context;
     if (!net) return;
-    context = net->context;
+    itn_context context = net->context;
     itn__free(&context, net->memory);
     itn__free(&context, net);
 }
@@ -9457,18 +9290,16 @@ static itn_result itn__net_make(const itn_net_desc *desc, const itn_context *con
    numbers make one normal (Box and Muller 1958). */
 ITN_API itn_result itn_net_create(const itn_net_desc *desc, const itn_context *context,
                                   itn_net **net, itn_error *error) {
-    itn_result result;
-    int l, layers;
     if (!net) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_create: net is NULL");
-    result = itn__net_make(desc, context, net, error);
-    layers = result == ITN_OK ? (*net)->desc.layer_count : -1;
-    for (l = 0; l <= layers; l++) {
+    itn_result result = itn__net_make(desc, context, net, error);
+    int layers = result == ITN_OK ? (*net)->desc.layer_count : -1;
+    for (int l = 0; l <= layers; l++) {
         const itn__conv *c = &(*net)->layers[l];
         int full = l == layers;
-        size_t inputs = full ? (*net)->features : 9 * c->in.channels, k;
+        size_t inputs = full ? (*net)->features : 9 * c->in.channels;
         size_t outputs = full ? (size_t)(*net)->desc.outputs : c->out.channels;
         float *w = (*net)->parameters + ((full ? (*net)->full : c->w) - (*net)->parameters);
-        for (k = 0; k < inputs * outputs; k++) {
+        for (size_t k = 0; k < inputs * outputs; k++) {
             itn__rng rng = itn__rng_make((*net)->desc.seed, (uint64_t)l, k);
             float radius = sqrtf((full ? -2 : -4) / (float)inputs * logf(itn__uniform(&rng)));
             w[k] = radius * cosf(2 * ITN__PI * itn__uniform(&rng));
@@ -9504,7 +9335,7 @@ static double itn__border_pixel(const float *pixels, int width, int height, int 
 ITN_API itn_result itn_net_input(int width, int height, const float *pixels, double mean,
                                  float *input, itn_error *error) {
     static const double binomial[5] = {1 / 16., 4 / 16., 6 / 16., 4 / 16., 1 / 16.};
-    int plane, i, x, y, dx, dy;
+    int plane, i;
     if (!pixels || !input || width < 1 || height < 1 || !(mean > 0) || !itn__finite(mean) ||
         width > INT_MAX / height)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
@@ -9517,12 +9348,12 @@ ITN_API itn_result itn_net_input(int width, int height, const float *pixels, dou
                              "mean of %g", i % width, i / width, mean);
     for (i = 0; i < 2 * plane; i++) { /* first all of the blur, of which edges are then made */
         double sum = 0;
-        x = i % width, y = i / width % height;
-        for (dy = -2; dy <= 2 && i < plane; dy++)
-            for (dx = -2; dx <= 2; dx++)
+        int x = i % width, y = i / width % height;
+        for (int dy = -2; dy <= 2 && i < plane; dy++)
+            for (int dx = -2; dx <= 2; dx++)
                 sum += binomial[dy + 2] * binomial[dx + 2] *
                        itn__border_pixel(pixels, width, height, x + dx, y + dy) / mean;
-        for (dx = 0; dx < 2 && i >= plane; dx++) {
+        for (int dx = 0; dx < 2 && i >= plane; dx++) {
             double step = itn__border_pixel(input, width, height, x + 1 - dx, y + dx) -
                           itn__border_pixel(input, width, height, x - 1 + dx, y - dx);
             sum = sqrt(sum * sum + step * step);
@@ -9537,11 +9368,10 @@ static void itn__net_take_image(void *data, int image) {
     const itn_net *net = (const itn_net *)data;
     const itn__layout *g = &net->layers[0].in;
     const float *from = net->given + (size_t)image * g->channels * g->height * g->width;
-    size_t c, y, x;
-    for (c = 0; c < g->channels; c++)
-        for (y = 0; y < g->height; y++) {
+    for (size_t c = 0; c < g->channels; c++)
+        for (size_t y = 0; y < g->height; y++) {
             float *to = net->images + (size_t)image * g->size + itn__layout_at(g, y, 0, c);
-            for (x = 0; x < g->width; x++) to[x * g->lanes] = *from++;
+            for (size_t x = 0; x < g->width; x++) to[x * g->lanes] = *from++;
         }
 }
 
@@ -9556,10 +9386,10 @@ static void itn__net_forward_full(void *data, int image) {
     const itn_net *net = (const itn_net *)data;
     const itn__conv *c = &net->layers[net->desc.layer_count - 1];
     const float *in = c->pooled + (size_t)image * c->out.size, *w = net->full;
-    size_t outputs = (size_t)net->desc.outputs, o, i;
-    for (o = 0; o < outputs; o++) {
+    size_t outputs = (size_t)net->desc.outputs;
+    for (size_t o = 0; o < outputs; o++) {
         double sum = (double)net->full[net->features * outputs + o];
-        for (i = 0; i < net->features; i++)
+        for (size_t i = 0; i < net->features; i++)
             sum += (double)*w++ * (double)in[itn__net_feature(&c->out, i)];
         net->outputs[(size_t)image * outputs + o] = (float)sum;
     }
@@ -9568,14 +9398,14 @@ static void itn__net_forward_full(void *data, int image) {
 /* The same for the derivatives: all images, in order. */
 static void itn__net_backward_full(itn_net *net, size_t batch) {
     const itn__conv *c = &net->layers[net->desc.layer_count - 1];
-    size_t outputs = (size_t)net->desc.outputs, o, image, i;
-    for (image = 0; image < batch; image++) {
+    size_t outputs = (size_t)net->desc.outputs;
+    for (size_t image = 0; image < batch; image++) {
         const float *d_out = net->given + image * outputs;
-        for (o = 0; o < outputs; o++) net->d_full[net->features * outputs + o] += d_out[o];
-        for (i = 0; i < net->features; i++) {
+        for (size_t o = 0; o < outputs; o++) net->d_full[net->features * outputs + o] += d_out[o];
+        for (size_t i = 0; i < net->features; i++) {
             size_t at = image * c->out.size + itn__net_feature(&c->out, i);
             c->d_pooled[at] = 0;
-            for (o = 0; o < outputs; o++) {
+            for (size_t o = 0; o < outputs; o++) {
                 c->d_pooled[at] += d_out[o] * net->full[o * net->features + i];
                 net->d_full[o * net->features + i] += d_out[o] * c->pooled[at];
             }
@@ -9594,16 +9424,15 @@ static size_t itn__first_beyond(const float *values, size_t count, float most) {
 static itn_result itn__net_call(itn_net *net, int batch, const float *in, const float *out,
                                 int backward, itn_error *error) {
     const char *name = backward ? "itn_net_backward" : "itn_net_forward";
-    size_t bad, size, count;
     if (!net || !in || !out)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: a pointer is NULL", name);
     if (batch < 1 || batch > net->desc.batch || (backward && batch != net->forward_batch))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "%s: batch is %d, this network was made for 1..%d, and the latest forward "
                          "call left %d images", name, batch, net->desc.batch, net->forward_batch);
-    size = (size_t)net->desc.height * (size_t)net->desc.width * (size_t)net->desc.channels;
+    size_t size = (size_t)net->desc.height * (size_t)net->desc.width * (size_t)net->desc.channels;
     if (backward) size = (size_t)net->desc.outputs;
-    count = (size_t)batch * size, bad = itn__first_beyond(in, count, FLT_MAX);
+    size_t count = (size_t)batch * size, bad = itn__first_beyond(in, count, FLT_MAX);
     if (bad < count)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: value %.0f of image %.0f is not finite",
                          name, (double)(bad % size), (double)(bad / size));
@@ -9614,17 +9443,15 @@ static itn_result itn__net_call(itn_net *net, int batch, const float *in, const 
 ITN_API itn_result itn_net_forward(itn_net *net, int batch, const float *images, float *outputs,
                                    itn_error *error) {
     itn_result result = itn__net_call(net, batch, images, outputs, 0, error);
-    size_t count;
-    int l;
     if (result != ITN_OK) return result;
     net->forward_batch = 0;
     itn__parallel_for(&net->context, batch, itn__net_take_image, net);
-    for (l = 0; l < net->desc.layer_count; l++) {
+    for (int l = 0; l < net->desc.layer_count; l++) {
         net->layers[l].batch = (size_t)batch;
         itn__conv_forward(&net->context, &net->layers[l]);
     }
     itn__parallel_for(&net->context, batch, itn__net_forward_full, net);
-    count = (size_t)batch * (size_t)net->desc.outputs;
+    size_t count = (size_t)batch * (size_t)net->desc.outputs;
     if (itn__first_beyond(net->outputs, count, FLT_MAX) < count)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_net_forward: the outputs are not finite: a weight is NaN or far "
@@ -9638,27 +9465,25 @@ ITN_API itn_result itn_net_read(itn_net *net, const float *pixels, double mean, 
                                 itn_error *error) {
     static const double larger[5] = {0, -.5, -.25, .25, .5}; /* as it is first: for the errors */
     itn_result result = ITN_OK;
-    float *picture, *input, *answer, *means;
-    size_t plane, count, k;
-    int width, height, size, i;
+    float *picture;
     if (!net || !pixels || !outputs || net->desc.channels != 2)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_net_read: a pointer is NULL, or the network sees %d channels, not 2",
                          net ? net->desc.channels : 0);
-    width = net->desc.width, height = net->desc.height;
-    plane = (size_t)width * (size_t)height, count = (size_t)net->desc.outputs;
+    int width = net->desc.width, height = net->desc.height;
+    size_t plane = (size_t)width * (size_t)height, count = (size_t)net->desc.outputs;
     picture = (float *)itn__allocate(&net->context, 3 * plane + 2 * count, sizeof *picture);
     if (!picture) return itn__out_of_memory(error, "the sizes of a picture");
-    input = picture + plane, answer = input + 2 * plane, means = answer + count;
-    for (size = 0; size < 5 && result == ITN_OK; size++) {
+    float *input = picture + plane, *answer = input + 2 * plane, *means = answer + count;
+    for (int size = 0; size < 5 && result == ITN_OK; size++) {
         double step = exp(-larger[size]), middle_x = (width - 1) / 2., middle_y = (height - 1) / 2.;
-        for (i = 0; i < width * height; i++) /* the nearest pixel */
+        for (int i = 0; i < width * height; i++) /* the nearest pixel */
             picture[i] = (float)itn__border_pixel(
                 pixels, width, height, (int)floor(middle_x + step * (i % width - middle_x) + .5),
                 (int)floor(middle_y + step * (i / width - middle_y) + .5));
         result = itn_net_input(width, height, picture, mean, input, error);
         if (result == ITN_OK) result = itn_net_forward(net, 1, input, answer, error);
-        for (k = 0; k < count; k++) means[k] += answer[k] / 5;
+        for (size_t k = 0; k < count; k++) means[k] += answer[k] / 5;
     }
     if (result == ITN_OK) memcpy(outputs, means, count * sizeof *outputs);
     net->forward_batch = 0;
@@ -9669,10 +9494,9 @@ ITN_API itn_result itn_net_read(itn_net *net, const float *pixels, double mean, 
 ITN_API itn_result itn_net_backward(itn_net *net, int batch, const float *d_outputs,
                                     itn_error *error) {
     itn_result result = itn__net_call(net, batch, d_outputs, d_outputs, 1, error);
-    int l;
     if (result != ITN_OK) return result;
     itn__net_backward_full(net, (size_t)batch);
-    for (l = net->desc.layer_count - 1; l >= 0; l--)
+    for (int l = net->desc.layer_count - 1; l >= 0; l--)
         itn__conv_backward(&net->context, &net->layers[l]);
     return ITN_OK;
 }
@@ -9686,11 +9510,11 @@ static void itn__net_step_part(void *data, int index) {
 }
 
 ITN_API itn_result itn_net_step(itn_net *net, double rate, itn_error *error) {
-    size_t bad;
     if (!net || !(rate > 0 && rate <= 1))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_net_step: net is NULL, or the rate (%g) not in (0,1]", rate);
-    bad = itn__first_beyond(net->gradients, net->count, 1.8446742e19f); /* its square is finite */
+    /* the largest whose square is finite: */
+    size_t bad = itn__first_beyond(net->gradients, net->count, 1.8446742e19f);
     if (bad < net->count)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_net_step: gradient %.0f is %g, and its square is not finite; "
@@ -9791,8 +9615,8 @@ typedef struct itn__refiner {
 
 /* Turns transformed coordinates into those along the valley (direction 1) or back (-1). */
 static void itn__along_valley(const itn__refiner *refiner, double *coordinates, int direction) {
-    int k, g;
-    for (k = 0; k < refiner->count; k++)
+    int g;
+    for (int k = 0; k < refiner->count; k++)
         if ((g = refiner->g[k]) >= 0)
             coordinates[k] += direction * log(1 - itn_parameter_from_coordinate(
                                                       refiner->parameters[g], coordinates[g]));
@@ -9800,9 +9624,8 @@ static void itn__along_valley(const itn__refiner *refiner, double *coordinates, 
 
 /* The values at these coordinates, which become transformed ones. */
 static void itn__refine_values(const itn__refiner *refiner, double *coordinates, double *values) {
-    int k;
     itn__along_valley(refiner, coordinates, -1);
-    for (k = 0; k < refiner->count; k++) {
+    for (int k = 0; k < refiner->count; k++) {
         const itn_parameter *p = refiner->parameters[k];
         values[k] = fmax(itn_parameter_from_coordinate(p, coordinates[k]), itn__least_sought(p));
     }
@@ -9812,35 +9635,34 @@ static void itn__refine_values(const itn__refiner *refiner, double *coordinates,
    held on them. */
 static void itn__refine_set(itn__refiner *refiner, const double *coordinates) {
     double plain[ITN__MOST_UNKNOWNS], values[ITN__MOST_UNKNOWNS], slopes[ITN__MOST_UNKNOWNS];
-    itn__refine_view *view;
-    int n = refiner->count, held = 0, k, g;
+    int n = refiner->count, held = 0, g;
     size_t size = (size_t)n * sizeof(double);
     memcpy(plain, coordinates, size), memcpy(refiner->coordinates, coordinates, size);
     memset(refiner->turn, 0, (size_t)n * size);
     itn__refine_values(refiner, plain, values);
-    for (k = 0; k < n; k++) {
+    for (int k = 0; k < n; k++) {
         const itn_parameter *p = refiner->parameters[k];
         double within = itn_parameter_to_coordinate(p, values[k]);
         if (fabs(within - plain[k]) > 1e-6 * fmax(fabs(within), 1)) plain[k] = within, held = 1;
         refiner->values[k] = itn__clamp((float)values[k], p->lower, p->upper);
         slopes[k] = refiner->turn[k * (n + 1)] = itn_parameter_slope(p, values[k]);
     }
-    for (k = 0; k < n; k++)
+    for (int k = 0; k < n; k++)
         if ((g = refiner->g[k]) >= 0)
             refiner->turn[k * n + g] = slopes[k] * slopes[g] / fmax(1 - values[g], 1e-7);
     if (held) itn__along_valley(refiner, plain, 1), memcpy(refiner->coordinates, plain, size);
-    for (view = refiner->views; view < refiner->views + refiner->view_count; view++)
-        for (k = 0; k < view->asked; k++)
+    for (itn__refine_view *view = refiner->views; view < refiner->views + refiner->view_count;
+         view++)
+        for (int k = 0; k < view->asked; k++)
             view->theta[view->parameters[k]] = refiner->values[view->unknowns[k]];
 }
 
 /* Blurs a line of n values, `stride` apart, by (1 2 1)/4 time and again, beyond the ends what is at
    them: as a matrix symmetric, positive, and of rows and columns that add up to 1. */
 static void itn__blur_line(float *line, size_t stride, int n, int passes) {
-    int i;
     for (; passes > 0; passes--) {
         float before = line[0];
-        for (i = 0; i < n; i++) {
+        for (int i = 0; i < n; i++) {
             float *here = line + (size_t)i * stride, own = *here;
             *here = .25f * before + .5f * own + .25f * (i + 1 < n ? here[stride] : own);
             before = own;
@@ -9850,12 +9672,11 @@ static void itn__blur_line(float *line, size_t stride, int n, int passes) {
 
 /* The same of planes, both ways. */
 static void itn__blur(const itn__refine_view *view, float *pixels, size_t count, int passes) {
-    size_t width = (size_t)view->width, first;
-    int k;
-    for (first = 0; first < count; first += view->plane) {
-        for (k = 0; k < view->height; k++)
+    size_t width = (size_t)view->width;
+    for (size_t first = 0; first < count; first += view->plane) {
+        for (int k = 0; k < view->height; k++)
             itn__blur_line(pixels + first + (size_t)k * width, 1, view->width, passes);
-        for (k = 0; k < view->width; k++)
+        for (int k = 0; k < view->width; k++)
             itn__blur_line(pixels + first + k, width, view->height, passes);
     }
 }
@@ -9863,22 +9684,22 @@ static void itn__blur(const itn__refine_view *view, float *pixels, size_t count,
 /* Means of the pixels around each. */
 static void itn__around(const itn__refine_view *view, const float *in, float *out) {
     const float own = (float)ITN__NARROW_OWN;
-    size_t i;
     memcpy(out, in, view->pixels * sizeof(float));
     itn__blur(view, out, view->pixels, ITN__NARROW);
-    for (i = 0; i < view->pixels; i++) out[i] = (out[i] - own * in[i]) / (1 - own);
+    for (size_t i = 0; i < view->pixels; i++) out[i] = (out[i] - own * in[i]) / (1 - own);
 }
 
 /* Replaces planes of a film by the means of its blocks, with nothing between; a block of which one
    value is infinite or NaN has such a mean. */
 static void itn__reduce(const itn__refiner *refiner, const itn__refine_view *view, float *planes,
                         size_t count) {
-    size_t block = (size_t)refiner->block, width = (size_t)view->width, area = block * block, p, i;
-    for (p = 0; p < count * view->plane && block > 1; p++) {
+    size_t block = (size_t)refiner->block, width = (size_t)view->width, area = block * block;
+    for (size_t p = 0; p < count * view->plane && block > 1; p++) {
         size_t row = p / width, column = p % width; /* rows of all planes are one after the other */
         const float *from = planes + (row * width * block + column) * block;
         double sum = 0;
-        for (i = 0; i < area; i++) sum += (double)from[i / block * width * block + i % block];
+        for (size_t i = 0; i < area; i++)
+            sum += (double)from[i / block * width * block + i % block];
         planes[p] = (float)(sum / (double)area);
     }
 }
@@ -9886,19 +9707,19 @@ static void itn__reduce(const itn__refiner *refiner, const itn__refine_view *vie
 /* Takes in a render. */
 static void itn__take_in(const itn__refiner *refiner, itn__refine_view *view, itn_image *image,
                          int half) {
-    size_t pixels = view->pixels, i;
+    size_t pixels = view->pixels;
     float *to = view->fresh[half], area = (float)(refiner->block * refiner->block);
-    int n = refiner->count, k, own;
+    int n = refiner->count, k;
     itn__reduce(refiner, view, image->pixels,
                 (size_t)(2 + 2 * view->asked) * (size_t)view->scene->film.channels);
     memset(to, 0, (size_t)(2 + n) * pixels * sizeof(float));
     memcpy(to, image->pixels, 2 * pixels * sizeof(float));
-    for (i = 0; i < pixels; i++) to[pixels + i] *= (float)refiner->spp / area;
+    for (size_t i = 0; i < pixels; i++) to[pixels + i] *= (float)refiner->spp / area;
     for (k = 0, to += 2 * pixels; k < n; k++, to += pixels)
-        for (own = 0; own < view->asked; own++) {
+        for (int own = 0; own < view->asked; own++) {
             const float *from = image->pixels + (size_t)(2 + 2 * own) * pixels;
             float turn = (float)refiner->turn[view->unknowns[own] * n + k];
-            for (i = 0; i < pixels && turn != 0; i++) to[i] += turn * from[i];
+            for (size_t i = 0; i < pixels && turn != 0; i++) to[i] += turn * from[i];
         }
 }
 
@@ -9917,22 +9738,21 @@ static int itn__counts(const itn__refine_view *view, size_t i) {
    own would favour what is dark by chance. Where the target's is not known, it is the same in all
    pixels. A floor, a thousandth of the mean, bounds the weight of pixels without noise. */
 static void itn__refine_weigh(const itn__refiner *refiner, itn__refine_view *view) {
-    double sum = 0, square = 0, counted = 0, least;
+    double sum = 0, square = 0, counted = 0;
     float *scale = view->scale, samples = (float)(refiner->known > refiner->final
                                                       ? refiner->known : refiner->final);
-    size_t i;
-    for (i = 0; i < view->pixels; i++)
+    for (size_t i = 0; i < view->pixels; i++)
         view->spare[i] = itn__sample_variance(view, view->known, i);
     itn__around(view, view->spare, scale);
-    for (i = 0; i < view->pixels; i++) {
+    for (size_t i = 0; i < view->pixels; i++) {
         scale[i] = itn__max(scale[i], 0) / (2 * samples) + (float)view->nugget;
         if (!itn__counts(view, i)) continue;
         scale[i] += view->target_variance[i];
         sum += scale[i], square += (double)view->target[i] * view->target[i], counted++;
     }
-    least = (1e-3 * sum + 1e-12 * square) / counted;
+    double least = (1e-3 * sum + 1e-12 * square) / counted;
     if (!(least > 0)) least = 1; /* a black picture of a black scene */
-    for (i = 0; i < view->pixels; i++)
+    for (size_t i = 0; i < view->pixels; i++)
         scale[i] = itn__counts(view, i) ? (float)(1 / sqrt(scale[i] + least)) : 0;
 }
 
@@ -9967,15 +9787,13 @@ static void itn__refine_weigh(const itn__refiner *refiner, itn__refine_view *vie
 /* Sum of x y z; z NULL: of x y. */
 ITN__NOINLINE double itn__product(const float *x, const float *y, const float *z, size_t count) {
     double sum = 0;
-    size_t i;
-    for (i = 0; i < count; i++) sum += (double)x[i] * y[i] * (z ? (double)z[i] : 1);
+    for (size_t i = 0; i < count; i++) sum += (double)x[i] * y[i] * (z ? (double)z[i] : 1);
     return sum;
 }
 
 /* Whether any unknown's derivative in a value is not 0. */
 static int itn__depends(const itn__refiner *refiner, const itn__refine_view *view, size_t at) {
-    int k;
-    for (k = 0; k < refiner->count; k++)
+    for (int k = 0; k < refiner->count; k++)
         if (view->known[0][(size_t)(2 + k) * view->pixels + at] != 0) return 1;
     return 0;
 }
@@ -9989,23 +9807,22 @@ static void itn__misfit_of(itn__refiner *refiner, int fresh, itn__misfit *misfit
     for (; view < end; view++) {
         float *const *renders = fresh ? view->fresh : view->known, *r[2];
         double own = 0, shared = 0, felt = 0, drawn = 0, beyond = 0, weights = 0, unit = 1;
-        size_t pixel, at;
         r[0] = view->residual[0], r[1] = view->residual[1];
-        for (at = 0; at < view->pixels; at++) {
+        for (size_t at = 0; at < view->pixels; at++) {
             r[0][at] = (view->target[at] - renders[0][at]) * view->scale[at];
             r[1][at] = (view->target[at] - renders[1][at]) * view->scale[at];
         }
         if (view->noise_unknown) itn__around(view, r[0], view->spare);
-        for (pixel = 0; pixel < view->plane; pixel++) {
+        for (size_t pixel = 0; pixel < view->plane; pixel++) {
             double together = 0, common = 0, deviation = 0;
-            for (at = pixel; at < view->pixels; at += view->plane) {
-                double w = (double)view->scale[at] * view->scale[at], v;
+            for (size_t at = pixel; at < view->pixels; at += view->plane) {
+                double w = (double)view->scale[at] * view->scale[at];
                 double ra = (double)r[0][at], rb = (double)r[1][at];
                 if (!(w > 0)) continue;
                 squares += ra * rb / w, counted++;
                 if (!itn__depends(refiner, view, at)) continue;
-                v = w * itn__sample_variance(view, renders, at) /
-                    (fresh ? refiner->spp : refiner->known);
+                double v = w * itn__sample_variance(view, renders, at) /
+                           (fresh ? refiner->spp : refiner->known);
                 together += ra * rb - w * view->target_variance[at];
                 deviation += sqrt(fmax(v * (ra * ra + rb * rb - v), 0));
                 common += view->noise_unknown ? rb * (double)view->spare[at] : 0;
@@ -10031,37 +9848,37 @@ static void itn__misfit_of(itn__refiner *refiner, int fresh, itn__misfit *misfit
 /* K J of a view, over the deviation of residuals; 0 where that does not count. */
 static void itn__blur_slopes(const itn__refiner *refiner, itn__refine_view *view, int half) {
     float *blurred = view->blurred[half];
-    size_t count = (size_t)refiner->count * view->pixels, i;
-    for (i = 0; i < count; i++)
+    size_t count = (size_t)refiner->count * view->pixels;
+    for (size_t i = 0; i < count; i++)
         blurred[i] = view->known[half][2 * view->pixels + i] * view->scale[i % view->pixels];
     itn__blur(view, blurred, count, ITN__BROAD);
-    for (i = 0; i < count; i++) blurred[i] *= view->scale[i % view->pixels] > 0;
+    for (size_t i = 0; i < count; i++) blurred[i] *= view->scale[i % view->pixels] > 0;
 }
 
 /* Adds a view's part of A, b, N and, as `drawn`, that of N by renders. */
 static void itn__normal_add(itn__refiner *refiner, itn__refine_view *view, double *drawn) {
-    size_t pixels = view->pixels, plane = view->plane, i;
-    int n = refiner->count, k, half;
+    size_t pixels = view->pixels, plane = view->plane;
+    int n = refiner->count;
     itn__blur_slopes(refiner, view, 0), itn__blur_slopes(refiner, view, 1);
-    for (k = 0; k < 2 * n * n; k++) {
+    for (int k = 0; k < 2 * n * n; k++) {
         int one = k / 2 / n, other = k / 2 % n;
         double product = .25 * itn__product(view->known[k % 2] + (size_t)(2 + one) * pixels,
                                             view->blurred[1 - k % 2] + (size_t)other * pixels,
                                             view->scale, pixels);
         refiner->matrix[one * n + other] += product, refiner->matrix[other * n + one] += product;
     }
-    for (half = 0; half < 2; half++) { /* the scores s, and t */
+    for (int half = 0; half < 2; half++) { /* the scores s, and t */
         double *noise = half ? drawn : refiner->noise;
         memset(view->score, 0, (size_t)n * plane * sizeof(float));
-        for (i = 0; i < (size_t)n * pixels; i++) {
+        for (size_t i = 0; i < (size_t)n * pixels; i++) {
             size_t at = i % pixels;
             float a = view->blurred[0][i] * view->residual[1][at];
             float b = view->blurred[1][i] * view->residual[0][at];
             view->score[i / pixels * plane + at % plane] += .5f * (half ? a - b : a + b);
         }
-        for (i = 0; i < (size_t)n * plane && !half; i++)
+        for (size_t i = 0; i < (size_t)n * plane && !half; i++)
             refiner->step[i / plane] += (double)view->score[i];
-        for (k = 0; k < n * n; k++)
+        for (int k = 0; k < n * n; k++)
             noise[k] += itn__product(view->score + (size_t)(k / n) * plane,
                                      view->score + (size_t)(k % n) * plane, NULL, plane);
     }
@@ -10072,14 +9889,12 @@ static double itn__direction_noise(const itn__refiner *refiner, const double *c,
     const itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
     double crossed = 0, squares = 0;
     for (; view < end; view++) {
-        size_t pixel, at;
-        for (pixel = 0; pixel < view->plane; pixel++) {
+        for (size_t pixel = 0; pixel < view->plane; pixel++) {
             double of_a = 0, of_b = 0, alone = 0;
-            for (at = pixel; at < view->pixels; at += view->plane) {
+            for (size_t at = pixel; at < view->pixels; at += view->plane) {
                 double apart = 0, a = 0, b = 0;
                 size_t i = at, slope = at + 2 * view->pixels;
-                int k;
-                for (k = 0; k < refiner->count; k++, i += view->pixels, slope += view->pixels) {
+                for (int k = 0; k < refiner->count; k++, i += view->pixels, slope += view->pixels) {
                     apart += c[k * stride] * (view->known[0][slope] - view->known[1][slope]);
                     a += c[k * stride] * view->blurred[0][i];
                     b += c[k * stride] * view->blurred[1][i];
@@ -10104,14 +9919,14 @@ static void itn__rotate(double *x, double *y, int stride, int n, double c, doubl
 /* Eigenvalues of a symmetric matrix, which end on its diagonal, and eigenvectors, the columns of v:
    Jacobi's rotations, each of which makes one pair of elements zero. */
 static void itn__eigen(double *a, double *v, int n) {
-    int sweep, i, j;
-    for (i = 0; i < n * n; i++) v[i] = i / n == i % n;
-    for (sweep = 0; sweep < 60; sweep++)
-        for (i = 0; i < n; i++)
-            for (j = i + 1; j < n; j++) {
-                double off = a[i * n + j], half = .5 * (a[j * n + j] - a[i * n + i]), t, c;
+    for (int i = 0; i < n * n; i++) v[i] = i / n == i % n;
+    for (int sweep = 0; sweep < 60; sweep++)
+        for (int i = 0; i < n; i++)
+            for (int j = i + 1; j < n; j++) {
+                double off = a[i * n + j], half = .5 * (a[j * n + j] - a[i * n + i]);
                 if (fabs(off) <= 1e-15 * sqrt(fabs(a[i * n + i] * a[j * n + j]))) continue;
-                t = off / (half + (half < 0 ? -1 : 1) * hypot(half, off)), c = 1 / hypot(1, t);
+                double t = off / (half + (half < 0 ? -1 : 1) * hypot(half, off)),
+                       c = 1 / hypot(1, t);
                 itn__rotate(a + i, a + j, n, n, c, t * c);
                 itn__rotate(a + i * n, a + j * n, 1, n, c, t * c);
                 itn__rotate(v + i, v + j, n, n, c, t * c);
@@ -10122,12 +9937,11 @@ static void itn__eigen(double *a, double *v, int n) {
 static void itn__sandwich(const double *l, int row, int column, const double *m, int n,
                           double *out) {
     double product[ITN__MOST_UNKNOWNS];
-    int i, j, k;
-    for (i = 0; i < n; i++) {
+    for (int i = 0; i < n; i++) {
         memset(product, 0, sizeof product), memset(out + i * n, 0, (size_t)n * sizeof(double));
-        for (k = 0; k < n * n; k++) product[k % n] += l[i * row + k / n * column] * m[k];
-        for (j = 0; j < n; j++)
-            for (k = 0; k < n; k++) out[i * n + j] += product[k] * l[j * row + k * column];
+        for (int k = 0; k < n * n; k++) product[k % n] += l[i * row + k / n * column] * m[k];
+        for (int j = 0; j < n; j++)
+            for (int k = 0; k < n; k++) out[i * n + j] += product[k] * l[j * row + k * column];
     }
 }
 
@@ -10140,17 +9954,17 @@ static int itn__tells(const itn__refiner *refiner, int axis) {
 static void itn__normal_covariance(itn__refiner *refiner) {
     const double prior = ITN__PRIOR * ITN__PRIOR;
     double inverse[ITN__MOST_UNKNOWNS], *out = refiner->matrix;
-    int n = refiner->count, j, k;
-    for (j = 0; j < n; j++) { /* A^-1, made wider by its own noise */
+    int n = refiner->count;
+    for (int j = 0; j < n; j++) { /* A^-1, made wider by its own noise */
         double doubt = ITN__CERTAIN * refiner->doubt[j] / refiner->told[j];
         inverse[j] = !itn__tells(refiner, j) ? 0
                      : 1 / ((refiner->told[j] + 1 / prior) * sqrt(1 - doubt * doubt));
     }
-    for (k = 0; k < n * n; k++) out[k] = inverse[k / n] * inverse[k % n] * refiner->noise[k];
-    for (j = 0; j < n; j++)
+    for (int k = 0; k < n * n; k++) out[k] = inverse[k / n] * inverse[k % n] * refiner->noise[k];
+    for (int j = 0; j < n; j++)
         out[j * (n + 1)] += inverse[j] > 0 ? inverse[j] * inverse[j] / prior : prior;
     itn__sandwich(refiner->axes, n, 1, out, n, refiner->covariance);
-    for (j = 0; j < n; j++) refiner->errors[j] = sqrt(refiner->covariance[j * (n + 1)]);
+    for (int j = 0; j < n; j++) refiner->errors[j] = sqrt(refiner->covariance[j * (n + 1)]);
 }
 
 /* Makes the normal equations at the present point from what is known, and what they say: axes,
@@ -10158,21 +9972,22 @@ static void itn__normal_covariance(itn__refiner *refiner) {
 static int itn__normal(itn__refiner *refiner) {
     itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
     double *matrix = refiner->matrix, *drawn = refiner->covariance, share = 0;
-    int n = refiner->count, j, k;
+    int n = refiner->count, j;
     size_t square = (size_t)(n * n) * sizeof(double);
     memset(refiner->step, 0, sizeof refiner->step), memset(matrix, 0, square);
     memset(refiner->noise, 0, square), memset(drawn, 0, square);
     for (; view < end; view++) itn__refine_weigh(refiner, view);
     itn__misfit_of(refiner, 0, &refiner->misfit);
     for (view = refiner->views; view < end; view++) itn__normal_add(refiner, view, drawn);
-    for (k = 0; k < n * n; k++)
+    for (int k = 0; k < n * n; k++)
         if (!itn__finite(matrix[k]) || !itn__finite(refiner->noise[k])) return 0;
     if (!itn__finite(refiner->misfit.value) || !itn__finite(refiner->misfit.loss)) return 0;
     itn__eigen(matrix, refiner->axes, n);
     for (j = 0; j < n; j++) {
         refiner->told[j] = matrix[j * (n + 1)], refiner->right[j] = 0;
         refiner->doubt[j] = sqrt(itn__direction_noise(refiner, refiner->axes + j, n));
-        for (k = 0; k < n; k++) refiner->right[j] += refiner->axes[k * n + j] * refiner->step[k];
+        for (int k = 0; k < n; k++)
+            refiner->right[j] += refiner->axes[k * n + j] * refiner->step[k];
     }
     itn__sandwich(refiner->axes, 1, n, refiner->noise, n, matrix);
     memcpy(refiner->noise, matrix, square);
@@ -10267,19 +10082,18 @@ static int itn__watch(void *user, double fraction) {
 /* Renders all views twice at the present point. Returns ITN_OK where the search has ended, too. */
 static ITN__COLD itn_result itn__refine_evaluate(itn__refiner *refiner, int spp, itn_error *error) {
     itn_render_options options = ITN_ZERO;
-    int part, parts = 2 * refiner->view_count;
+    int parts = 2 * refiner->view_count;
     options.spp = refiner->spp = spp, options.max_scatter = refiner->options.max_scatter;
     options.walks = refiner->block > 1 ? 1 : 0; /* few paths, far apart */
     options.progress = itn__watch, options.progress_user = refiner;
     refiner->rendering = itn__seconds();
-    for (part = 0; part < parts; part++) {
+    for (int part = 0; part < parts; part++) {
         itn__refine_view *view = &refiner->views[part / 2];
         itn_image image = ITN_ZERO;
-        itn_result result;
         refiner->part = part;
         options.seed = itn__mix64(itn__mix64(refiner->options.seed) + refiner->renders++);
-        result = itn_render(view->scene, view->theta, &options, view->parameters, view->asked,
-                            &image, error);
+        itn_result result = itn_render(view->scene, view->theta, &options, view->parameters,
+                                       view->asked, &image, error);
         if (!result) itn__take_in(refiner, view, &image, part % 2);
         itn_image_free(&image);
         if (refiner->ended) return itn__check_cancelled(refiner, error);
@@ -10291,15 +10105,15 @@ static ITN__COLD itn_result itn__refine_evaluate(itn__refiner *refiner, int spp,
 
 /* Begins with pictures of blocks of pixels, of which nothing is known yet. */
 static void itn__focus(itn__refiner *refiner, int block) {
-    itn__refine_view *view, *end = refiner->views + refiner->view_count;
+    itn__refine_view *end = refiner->views + refiner->view_count;
     refiner->block = block, refiner->known = 0;
     refiner->work = 0, refiner->since = itn__seconds();
-    for (view = refiner->views; view < end; view++) {
+    for (itn__refine_view *view = refiner->views; view < end; view++) {
         const itn_film_desc *film = &view->scene->film;
-        size_t channels = (size_t)film->channels, i;
+        size_t channels = (size_t)film->channels;
         const float *variance = view->given->target_variance;
         double sum = 0, counted = 0;
-        for (i = 0; i < (size_t)film->width * (size_t)film->height * channels; i++) {
+        for (size_t i = 0; i < (size_t)film->width * (size_t)film->height * channels; i++) {
             int counts = !variance || variance[i] < INFINITY;
             view->target[i] = counts ? view->given->target[i] : 0;
             view->target_variance[i] = variance ? variance[i] / (float)(block * block) : 0;
@@ -10309,30 +10123,30 @@ static void itn__focus(itn__refiner *refiner, int block) {
         view->pixels = view->plane * channels;
         itn__reduce(refiner, view, view->target, channels);
         itn__reduce(refiner, view, view->target_variance, channels);
-        for (i = 0; i < view->pixels; i++)
+        for (size_t i = 0; i < view->pixels; i++)
             if (itn__counts(view, i)) sum += (double)view->target_variance[i], counted++;
         view->noise_unknown = !variance || (sum == 0 && counted < (double)view->pixels);
-        for (i = 0; i < view->pixels; i++) /* what does not count has the mean, meanwhile */
+        for (size_t i = 0; i < view->pixels; i++) /* what does not count has the mean, meanwhile */
             view->spare[i] = itn__counts(view, i) ? view->target_variance[i]
                                                   : (float)(sum / fmax(counted, 1));
         itn__around(view, view->spare, view->scale);
-        for (i = 0; i < view->pixels; i++)
+        for (size_t i = 0; i < view->pixels; i++)
             if (itn__counts(view, i)) view->target_variance[i] = itn__max(view->scale[i], 0);
     }
 }
 
 /* The step from the present point, at most `radius` long along any axis. */
 static void itn__refine_solve(itn__refiner *refiner, double radius) {
-    int n = refiner->count, j, k;
+    int n = refiner->count;
     memset(refiner->step, 0, sizeof refiner->step);
-    for (j = 0; j < n; j++) {
-        double b = refiner->right[j], told = refiner->told[j], along;
+    for (int j = 0; j < n; j++) {
+        double b = refiner->right[j], told = refiner->told[j];
         if (!itn__tells(refiner, j)) {
             if (b * b < 4 * refiner->noise[j * (n + 1)]) continue;
             told = fmax(told, 0) + 1.5 * refiner->doubt[j];
         }
-        along = fmax(-radius, fmin(b / (told + 1 / (ITN__PRIOR * ITN__PRIOR)), radius));
-        for (k = 0; k < n; k++) refiner->step[k] += along * refiner->axes[k * n + j];
+        double along = fmax(-radius, fmin(b / (told + 1 / (ITN__PRIOR * ITN__PRIOR)), radius));
+        for (int k = 0; k < n; k++) refiner->step[k] += along * refiner->axes[k * n + j];
     }
 }
 
@@ -10340,21 +10154,20 @@ static void itn__refine_solve(itn__refiner *refiner, double radius) {
    derivatives. That by d makes an error of about d^2/2: if it is more than a tenth of a standard
    error, the last one replaces what is known. */
 static void itn__refine_learn(itn__refiner *refiner) {
-    int n = refiner->count, together = refiner->known > 0, v, k;
+    int n = refiner->count, together = refiner->known > 0;
     double d[ITN__MOST_UNKNOWNS];
-    float share;
-    for (k = 0; k < n; k++) {
+    for (int k = 0; k < n; k++) {
         d[k] = refiner->coordinates[k] - refiner->before[k];
         together &= d[k] * d[k] <= .2 * refiner->errors[k];
     }
     refiner->known = refiner->spp + (together ? refiner->known : 0);
-    share = (float)refiner->spp / (float)refiner->known;
-    for (v = 0; v < 2 * refiner->view_count; v++) {
+    float share = (float)refiner->spp / (float)refiner->known;
+    for (int v = 0; v < 2 * refiner->view_count; v++) {
         float *to = refiner->views[v / 2].known[v % 2];
-        size_t pixels = refiner->views[v / 2].pixels, i;
-        for (i = 0; i < (size_t)n * pixels && together; i++)
+        size_t pixels = refiner->views[v / 2].pixels;
+        for (size_t i = 0; i < (size_t)n * pixels && together; i++)
             to[i % pixels] += (float)d[i / pixels] * to[2 * pixels + i];
-        for (i = 0; i < (size_t)(2 + n) * pixels; i++)
+        for (size_t i = 0; i < (size_t)(2 + n) * pixels; i++)
             to[i] = (together ? (1 - share) * to[i] : 0) +
                     share * refiner->views[v / 2].fresh[v % 2][i];
     }
@@ -10362,9 +10175,9 @@ static void itn__refine_learn(itn__refiner *refiner) {
 
 /* Errors of the values, by the covariance of the coordinates; their covariance is in `matrix`. */
 static void itn__value_errors(itn__refiner *refiner) {
-    int n = refiner->count, k;
+    int n = refiner->count;
     itn__sandwich(refiner->turn, n, 1, refiner->covariance, n, refiner->matrix);
-    for (k = 0; k < n; k++)
+    for (int k = 0; k < n; k++)
         refiner->value_errors[k] = sqrt(fmax(refiner->matrix[k * (n + 1)], 0));
 }
 
@@ -10380,10 +10193,10 @@ static itn_result itn__refine_report(itn__refiner *refiner, itn_error *error) {
 /* How many samples the next evaluation has: as the last one, or as many as are known; not more than
    there is time for. */
 static int itn__next_spp(itn__refiner *refiner, int last) {
-    double now = itn__seconds(), spp = refiner->arrived ? refiner->known : refiner->spp, most;
+    double now = itn__seconds(), spp = refiner->arrived ? refiner->known : refiner->spp;
     int wanted = refiner->final - (refiner->arrived ? refiner->known : 0);
     if (last || spp > wanted) spp = wanted;
-    most = (refiner->deadline - now) * refiner->work / fmax(now - refiner->since, 1e-9);
+    double most = (refiner->deadline - now) * refiner->work / fmax(now - refiner->since, 1e-9);
     if (spp > most && most < 2 && !refiner->ended) refiner->ended = ITN__NO_TIME;
     return (int)fmax(2, fmin(spp, most));
 }
@@ -10391,9 +10204,8 @@ static int itn__next_spp(itn__refiner *refiner, int last) {
 /* Goes back from a point where evaluations take too long, or to media a tenth as dense. */
 static void itn__retreat(itn__refiner *refiner) {
     double there[ITN__MOST_UNKNOWNS];
-    int k;
     memcpy(there, refiner->known ? refiner->before : refiner->coordinates, sizeof there);
-    for (k = 0; k < refiner->count && !refiner->known; k++)
+    for (int k = 0; k < refiner->count && !refiner->known; k++)
         there[k] -= refiner->parameters[k]->transform == ITN_LOG ? log(10.) : 0;
     itn__refine_set(refiner, there);
     refiner->ended = ITN__GOING_ON;
@@ -10403,8 +10215,8 @@ static void itn__retreat(itn__refiner *refiner) {
    are wanted, or for so many steps. Then the step that is left is taken. */
 static itn_result itn__gauss_newton(itn__refiner *refiner, int spp, int most, itn_error *error) {
     double there[ITN__MOST_UNKNOWNS], radius = 1;
-    int steps, back = 0, k;
-    for (steps = 0; steps <= most && radius >= .01 && !refiner->ended; steps++) {
+    int back = 0;
+    for (int steps = 0; steps <= most && radius >= .01 && !refiner->ended; steps++) {
         itn__misfit *known = &refiner->misfit, now;
         itn_result result = itn__refine_evaluate(refiner, spp, error);
         int slow = refiner->ended == ITN__TOO_SLOW;
@@ -10422,7 +10234,7 @@ static itn_result itn__gauss_newton(itn__refiner *refiner, int spp, int most, it
         if (result) return result;
         spp = itn__next_spp(refiner, steps + 1 >= most);
         memcpy(refiner->before, refiner->coordinates, sizeof there);
-        for (k = 0; k < refiner->count; k++) there[k] = refiner->before[k] + refiner->step[k];
+        for (int k = 0; k < refiner->count; k++) there[k] = refiner->before[k] + refiner->step[k];
         itn__refine_set(refiner, there);
         if (refiner->arrived && !back && (refiner->known >= refiner->final || refiner->drawn < .1))
             break;
@@ -10433,8 +10245,8 @@ static itn_result itn__gauss_newton(itn__refiner *refiner, int spp, int most, it
 /* The most that pixels can be put together so that whole blocks fill all films, with at least so
    many pixels across. */
 static int itn__coarse_block(const itn__refiner *refiner) {
-    int block = 1024, v;
-    for (v = 0; v < refiner->view_count && block > 1; v++) {
+    int block = 1024;
+    for (int v = 0; v < refiner->view_count && block > 1; v++) {
         const itn_film_desc *film = &refiner->views[v].scene->film;
         double least = (double)(ITN__COARSE * ITN__COARSE) * block * block;
         if (film->width % block || film->height % block ||
@@ -10446,8 +10258,8 @@ static int itn__coarse_block(const itn__refiner *refiner) {
 
 /* Makes of the coordinates of one start those of another. Returns 0 if there is none. */
 static int itn__find_start(const itn__refiner *refiner, double other, double *there) {
-    int found = 0, k;
-    for (k = 0; k < refiner->count; k++) {
+    int found = 0;
+    for (int k = 0; k < refiner->count; k++) {
         const itn_parameter *p = refiner->parameters[k];
         if (p->transform != ITN_LOGIT || p->lower >= 0) continue; /* no g */
         if (fabs(itn_parameter_from_coordinate(p, there[k]) - other) < .2) continue;
@@ -10462,17 +10274,17 @@ static itn_result itn__refine_coarsely(itn__refiner *refiner, itn_error *error) 
     static const double others[] = {0, .6, -.5, .6, -.5};
     double start[ITN__MOST_UNKNOWNS], there[ITN__MOST_UNKNOWNS], best[ITN__MOST_UNKNOWNS];
     double paths = 0;
-    int wanted = refiner->final, block = itn__coarse_block(refiner), anew = block > 1, way, spp;
+    int wanted = refiner->final, block = itn__coarse_block(refiner), anew = block > 1;
     itn__misfit least = ITN_ZERO, *now = &refiner->misfit;
     itn_result result = ITN_OK;
-    for (way = 0; way < refiner->view_count; way++) {
+    for (int way = 0; way < refiner->view_count; way++) {
         const itn_film_desc *film = &refiner->views[way].scene->film;
         paths += (double)film->width * film->height;
     }
-    spp = (int)fmax(2, fmin(refiner->options.spp, (double)ITN__COARSE_PATHS / paths));
+    int spp = (int)fmax(2, fmin(refiner->options.spp, (double)ITN__COARSE_PATHS / paths));
     refiner->coarse = 1;
     memcpy(start, refiner->coordinates, sizeof start), memcpy(best, start, sizeof best);
-    for (way = 0; way < 5 && !result; way++) {
+    for (int way = 0; way < 5 && !result; way++) {
         if (way > 0 && least.value - 1 < 3 * least.spread) break;
         memcpy(there, way < 3 ? start : best, sizeof there);
         if (way > 0 && !itn__find_start(refiner, others[way], there)) continue;
@@ -10493,8 +10305,7 @@ static itn_result itn__refine_coarsely(itn__refiner *refiner, itn_error *error) 
 /* Whether more samples may tell what is not told well, by what is known so far; it takes a first
    few to know. */
 static int itn__wants_more(const itn__refiner *refiner, int most) {
-    int j;
-    for (j = 0; j < refiner->count; j++)
+    for (int j = 0; j < refiner->count; j++)
         if (refiner->told[j] < 1.5 * ITN__CERTAIN * refiner->doubt[j] &&
             2 * refiner->final <= most &&
             (4 * refiner->final <= most ||
@@ -10524,8 +10335,8 @@ static double itn__refine_gradient(const itn__refiner *refiner, double *slope) {
     memset(slope, 0, (size_t)n * sizeof(double));
     for (; view < end; view++) {
         const float *a = view->fresh[0], *b = view->fresh[1];
-        size_t i, at;
-        for (i = 0; i < view->pixels; i++) {
+        size_t at;
+        for (size_t i = 0; i < view->pixels; i++) {
             double ra = (double)view->target[i] - a[i], rb = (double)view->target[i] - b[i];
             loss += ra * rb, counted++;
             for (k = 0, at = 2 * view->pixels + i; k < n; k++, at += view->pixels)
@@ -10541,20 +10352,20 @@ static double itn__refine_gradient(const itn__refiner *refiner, double *slope) {
 static itn_result itn__refine_descend(itn__refiner *refiner, double square, itn_error *error) {
     float moments[2][ITN__MOST_UNKNOWNS] = ITN_ZERO;
     double there[ITN__MOST_UNKNOWNS];
-    int plain = refiner->options.method == ITN_METHOD_SGD, last = refiner->options.iterations, i, k;
-    itn_result result;
+    int plain = refiner->options.method == ITN_METHOD_SGD, last = refiner->options.iterations;
     itn__focus(refiner, 1);
-    for (i = 0;; i++) {
+    for (int i = 0;; i++) {
         double rate = refiner->options.learning_rate * pow(.1, (double)i / last);
         int ends = i == last || refiner->ended;
         refiner->ended = ITN__GOING_ON;
-        result = itn__refine_evaluate(refiner, ends ? refiner->final : refiner->options.spp, error);
+        itn_result result =
+            itn__refine_evaluate(refiner, ends ? refiner->final : refiner->options.spp, error);
         if (result || refiner->ended) return result;
         if (ends) break;
         refiner->misfit.loss = itn__refine_gradient(refiner, there);
         result = itn__refine_report(refiner, error);
         if (result) return result;
-        for (k = 0; k < refiner->count; k++) {
+        for (int k = 0; k < refiner->count; k++) {
             float slope = (float)(there[k] / square), now = (float)refiner->coordinates[k];
             if (!itn__finite(slope * slope)) return ITN__REJECT(ITN__OVERFLOW);
             if (plain) now -= itn__clamp((float)rate * slope, -.5f, .5f);
@@ -10580,8 +10391,8 @@ static itn_result itn__refine_descend(itn__refiner *refiner, double square, itn_
 /* Which of the unknowns a view has, as which parameters. */
 static itn_result itn__view_unknowns(itn__refiner *refiner, itn__refine_view *view,
                                      itn_error *error) {
-    int k, number = (int)(view - refiner->views);
-    for (k = 0; k < refiner->count; k++) {
+    int number = (int)(view - refiner->views);
+    for (int k = 0; k < refiner->count; k++) {
         int index = view->given->parameters[k];
         const itn_parameter *p = itn_parameter_get(view->scene, index), *first;
         if (!p && index != -1) return ITN__REJECT("view %d has no parameter %d", number, index);
@@ -10598,21 +10409,20 @@ static itn_result itn__view_unknowns(itn__refiner *refiner, itn__refine_view *vi
 
 /* Which unknown is a parameter of a view's scene; or -1. */
 static int itn__unknown_of(const itn__refine_view *view, int parameter) {
-    int k;
-    for (k = 0; k < view->asked; k++)
+    for (int k = 0; k < view->asked; k++)
         if (view->parameters[k] == parameter) return view->unknowns[k];
     return -1;
 }
 
 /* Finds the g of every sigma_t and albedo; of what is one in all channels, that of the last. */
 static void itn__find_valleys(itn__refiner *refiner, const itn__refine_view *view) {
-    int channels = view->scene->film.channels, m, c;
-    for (m = 0; m < view->scene->medium_count * channels; m++) {
+    int channels = view->scene->film.channels;
+    for (int m = 0; m < view->scene->medium_count * channels; m++) {
         const itn__medium *medium = &view->scene->media[m / channels];
         int g = itn__unknown_of(view, medium->g[m % channels]), of[2];
         of[0] = itn__unknown_of(view, medium->sigma_t[m % channels]);
         of[1] = itn__unknown_of(view, medium->albedo + m % channels);
-        for (c = 0; c < 2 && g >= 0; c++)
+        for (int c = 0; c < 2 && g >= 0; c++)
             if (of[c] >= 0) refiner->g[of[c]] = g;
     }
 }
@@ -10659,18 +10469,16 @@ static itn_result itn__view_begin(itn__refiner *refiner, itn__refine_view *view,
                    {&view->blurred[0], n * pixels}, {&view->blurred[1], n * pixels},
                    {&view->residual[0], pixels}, {&view->residual[1], pixels}};
     itn_error why;
-    itn_result result;
-    float *block;
-    int k;
-    for (k = 0; k < 14; k++) all += parts[k].count;
-    block = (float *)itn__allocate(&view->scene->context, all, sizeof(float));
+    for (int k = 0; k < 14; k++) all += parts[k].count;
+    float *block = (float *)itn__allocate(&view->scene->context, all, sizeof(float));
     if (!block) return itn__out_of_memory(error, "itn_refine");
-    for (k = 0; k < 14; block += parts[k++].count) *parts[k].array = block;
-    result = itn__view_unknowns(refiner, view, error);
+    for (int k = 0; k < 14; block += parts[k++].count) *parts[k].array = block;
+    itn_result result = itn__view_unknowns(refiner, view, error);
     if (result) return result;
     if (view->given->theta) memcpy(view->theta, view->given->theta, parts[0].count * sizeof(float));
     else itn_parameter_values(view->scene, view->theta);
-    for (k = 0; k < view->asked; k++) view->theta[view->parameters[k]] = values[view->unknowns[k]];
+    for (int k = 0; k < view->asked; k++)
+        view->theta[view->parameters[k]] = values[view->unknowns[k]];
     result = itn__check_theta(view->scene, view->theta, &why);
     if (!result) return ITN_OK;
     return itn__fail(error, result, 0, "itn_refine: view %d: %s", (int)(view - refiner->views),
@@ -10684,14 +10492,14 @@ static ITN__COLD itn_result itn__refine_begin(itn__refiner *refiner, const itn_v
     size_t n = (size_t)refiner->count;
     double start[ITN__MOST_UNKNOWNS], own = 1;
     itn_result result = ITN_OK;
-    int v, k;
+    int v;
     refiner->views = (itn__refine_view *)itn__allocate(
         refiner->context, (size_t)refiner->view_count, sizeof *refiner->views);
     refiner->turn = (double *)itn__allocate(refiner->context, 5 * n * n, sizeof(double));
     if (!refiner->views || !refiner->turn) return itn__out_of_memory(error, "itn_refine");
     refiner->matrix = refiner->turn + n * n, refiner->axes = refiner->matrix + n * n;
     refiner->noise = refiner->axes + n * n, refiner->covariance = refiner->noise + n * n;
-    for (k = 0; k < refiner->count; k++) refiner->g[k] = -1;
+    for (int k = 0; k < refiner->count; k++) refiner->g[k] = -1;
     for (v = 0, *square = 0; v < refiner->view_count; v++) {
         itn__refine_view *view = &refiner->views[v];
         view->given = &views[v], view->scene = views[v].scene;
@@ -10701,7 +10509,7 @@ static ITN__COLD itn_result itn__refine_begin(itn__refiner *refiner, const itn_v
         if (refiner->options.method == ITN_METHOD_LM) itn__find_valleys(refiner, view);
         *square += own / refiner->view_count;
     }
-    for (k = 0; k < refiner->count; k++) {
+    for (int k = 0; k < refiner->count; k++) {
         if (!refiner->parameters[k]) return ITN__REJECT("no view has unknown %d", k);
         start[k] = itn_parameter_to_coordinate(refiner->parameters[k], values[k]);
     }
@@ -10711,8 +10519,7 @@ static ITN__COLD itn_result itn__refine_begin(itn__refiner *refiner, const itn_v
 }
 
 static void itn__refine_end(itn__refiner *refiner) {
-    int v;
-    for (v = 0; refiner->views && v < refiner->view_count && refiner->views[v].scene; v++)
+    for (int v = 0; refiner->views && v < refiner->view_count && refiner->views[v].scene; v++)
         itn__free(&refiner->views[v].scene->context, refiner->views[v].theta);
     itn__free(refiner->context, refiner->turn);
     itn__free(refiner->context, refiner->views);
@@ -10743,12 +10550,12 @@ static const char *itn__refine_options_fill(itn_refine_options *options) {
 static void itn__refine_estimate(itn__refiner *refiner, itn_estimate *estimates,
                                  itn_refine_outcome *outcome) {
     const itn__misfit *misfit = &refiner->misfit;
-    int n = refiner->count, k;
+    int n = refiner->count;
     outcome->misfit = misfit->value, outcome->misfit_error = misfit->spread;
     outcome->explained = refiner->known > 0 && misfit->value - 2 * misfit->spread < 1.2;
     outcome->finished = refiner->arrived && !refiner->ended;
     outcome->seconds = itn__seconds() - refiner->begun;
-    for (k = 0; k < n * n; k++) {
+    for (int k = 0; k < n * n; k++) {
         double *c = &refiner->covariance[k];
         if (!refiner->known) *c = k % (n + 1) ? 0 : ITN__PRIOR * ITN__PRIOR;
         else if (!refiner->arrived) *c += refiner->step[k / n] * refiner->step[k % n];
@@ -10756,7 +10563,7 @@ static void itn__refine_estimate(itn__refiner *refiner, itn_estimate *estimates,
     }
     itn__value_errors(refiner);
     memset(estimates, 0, (size_t)n * sizeof *estimates); /* padding has the same bits, too */
-    for (k = 0; k < n; k++) {
+    for (int k = 0; k < n; k++) {
         itn_estimate *e = &estimates[k];
         e->value = refiner->values[k], e->standard_error = refiner->value_errors[k];
         e->determined = e->standard_error <
@@ -10769,27 +10576,24 @@ ITN_API ITN__COLD itn_result itn_refine_views(const itn_view *views, int view_co
                                               itn_estimate *estimates, itn_error *error) {
     itn__refiner refiner;
     itn_refine_outcome outcome = ITN_ZERO;
-    itn_result result;
     size_t n = (size_t)count;
     double square = 1;
-    const char *bad;
-    int v, patient;
     if (!views || !values || !estimates || view_count < 1 || count < 1 ||
         count > ITN__MOST_UNKNOWNS)
         return ITN__REJECT("NULL argument, count %d or view_count %d", count, view_count);
-    for (v = 0; v < view_count; v++)
+    for (int v = 0; v < view_count; v++)
         if (!views[v].scene || !views[v].target || !views[v].parameters)
             return ITN__REJECT("scene, target or parameters of view %d is NULL", v);
     memset(&refiner, 0, sizeof refiner);
     refiner.view_count = view_count, refiner.count = count;
     refiner.context = &views->scene->context;
     if (options) refiner.options = *options;
-    patient = refiner.options.final_spp == 0;
-    bad = itn__refine_options_fill(&refiner.options);
+    int patient = refiner.options.final_spp == 0;
+    const char *bad = itn__refine_options_fill(&refiner.options);
     if (bad) return ITN__REJECT("%s", bad);
     refiner.final = refiner.options.final_spp, refiner.begun = itn__seconds();
     refiner.deadline = refiner.begun + refiner.options.seconds;
-    result = itn__refine_begin(&refiner, views, values, &square, error);
+    itn_result result = itn__refine_begin(&refiner, views, values, &square, error);
     if (!result)
         result = refiner.options.method == ITN_METHOD_LM
                      ? itn__refine_lm(&refiner, patient, error)
@@ -10812,17 +10616,15 @@ ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float 
     itn_refine_options rest = ITN_ZERO;
     float values[ITN__MOST_UNKNOWNS];
     itn_view view = ITN_ZERO;
-    itn_result result;
-    int k;
     if (!scene || !theta || !parameters || count < 1 || count > ITN__MOST_UNKNOWNS)
         return ITN__REJECT("NULL argument or count %d", count);
     if (options) rest = *options;
     view.scene = scene, view.theta = theta, view.target = target, view.parameters = parameters;
     view.target_variance = rest.target_variance, rest.target_variance = NULL;
-    for (k = 0; k < count; k++)
+    for (int k = 0; k < count; k++)
         values[k] = itn_parameter_get(scene, parameters[k]) ? theta[parameters[k]] : 0;
-    result = itn_refine_views(&view, 1, values, count, &rest, estimates, error);
-    for (k = 0; k < count && !result; k++) theta[parameters[k]] = values[k];
+    itn_result result = itn_refine_views(&view, 1, values, count, &rest, estimates, error);
+    for (int k = 0; k < count && !result; k++) theta[parameters[k]] = values[k];
     return result;
 }
 
@@ -10864,15 +10666,15 @@ static void itn__say_error(itn__wording *words, int k) {
 static void itn__find_groups(const itn__wording *words, int *group) {
     double a[ITN__MOST_WORDS * ITN__MOST_WORDS], v[ITN__MOST_WORDS * ITN__MOST_WORDS];
     const double *c = words->covariance;
-    int n = words->count, tangled[ITN__MOST_WORDS], i, j;
+    int n = words->count, tangled[ITN__MOST_WORDS];
     memcpy(a, c, sizeof a);
-    for (i = 0; i < n; i++) a[i * n + i] *= 1 + 1e-9;
+    for (int i = 0; i < n; i++) a[i * n + i] *= 1 + 1e-9;
     itn__eigen(a, v, n);
-    for (i = 0; i < n; i++) {
+    for (int i = 0; i < n; i++) {
         double inverse = 0;
-        for (j = 0; j < n; j++) inverse += v[i * n + j] * v[i * n + j] / a[j * n + j];
+        for (int j = 0; j < n; j++) inverse += v[i * n + j] * v[i * n + j] / a[j * n + j];
         tangled[i] = inverse * c[i * n + i] > 10, group[i] = i;
-        for (j = i - 1; j >= 0 && tangled[i]; j--)
+        for (int j = i - 1; j >= 0 && tangled[i]; j--)
             if (tangled[j] && c[i * n + j] * c[i * n + j] > .16 * c[i * n + i] * c[j * n + j])
                 group[i] = group[j];
     }
@@ -10913,11 +10715,11 @@ static void itn__say_group(itn__wording *words, const int *in, int n) {
 
 /* The lines of unknowns that are determined by themselves, then those of groups. */
 static void itn__say_lines(itn__wording *words) {
-    int group[ITN__MOST_WORDS], in[ITN__MOST_WORDS], n, k, l;
+    int group[ITN__MOST_WORDS], in[ITN__MOST_WORDS], n;
     itn__find_groups(words, group);
-    for (k = 0; k < 2 * words->count; k++) {
+    for (int k = 0; k < 2 * words->count; k++) {
         int first = k % words->count, together = k >= words->count;
-        for (l = n = 0; l < words->count; l++)
+        for (int l = n = 0; l < words->count; l++)
             if (group[l] == first) in[n++] = l;
         if (n > 1 && together) itn__say_group(words, in, n);
         if (n != 1 || together) continue;
@@ -10932,20 +10734,19 @@ ITN_API ITN__COLD int itn_refine_words(const itn_parameter *const *parameters, i
                                        const itn_estimate *estimates, const double *covariance,
                                        const itn_refine_outcome *outcome, char *text, size_t size) {
     itn__wording words;
-    int k;
     if (!parameters || !estimates || !covariance || count < 1 || count > ITN__MOST_WORDS ||
         (!text && size > 0))
         return -1;
     words.parameters = parameters, words.estimates = estimates, words.count = count;
     words.prose.text = text, words.prose.size = size, words.prose.length = 0;
-    for (k = 0; k < count; k++) {
+    for (int k = 0; k < count; k++) {
         const itn_estimate *e = &estimates[k];
         if (!parameters[k] || !itn__finite(e->value) || !(e->standard_error >= 0) ||
             !itn__finite(e->standard_error))
             return -1;
         words.powers[k] = itn__power_of(parameters[k], e->value);
     }
-    for (k = 0; k < count * count; k++) {
+    for (int k = 0; k < count * count; k++) {
         words.covariance[k] = covariance[k] * words.powers[k / count] * words.powers[k % count];
         if (!itn__finite(words.covariance[k])) return -1;
     }
@@ -10993,9 +10794,8 @@ ITN__NOINLINE void itn__put(itn__buffer *buffer, const void *bytes, size_t size)
     size_t capacity = buffer->capacity;
     if (buffer->failed) return;
     if (size >= capacity - buffer->size) { /* never full, so that even no bytes are somewhere */
-        unsigned char *grown;
         capacity += size < capacity ? capacity : size + 1; /* each is at most SIZE_MAX / 2 */
-        grown = (unsigned char *)itn__allocate(&buffer->context, capacity, 1);
+        unsigned char *grown = (unsigned char *)itn__allocate(&buffer->context, capacity, 1);
         buffer->failed = !grown;
         if (!grown) return;
         if (buffer->size) memcpy(grown, buffer->bytes, buffer->size);
@@ -11009,23 +10809,21 @@ ITN__NOINLINE void itn__put(itn__buffer *buffer, const void *bytes, size_t size)
 /* A number of `size` bytes, the lowest first or (big) the highest. */
 static uint64_t itn__from_bytes(const unsigned char *bytes, size_t size, int big) {
     uint64_t value = 0;
-    size_t i;
-    for (i = 0; i < size; i++) value = value << 8 | bytes[big ? i : size - 1 - i];
+    for (size_t i = 0; i < size; i++) value = value << 8 | bytes[big ? i : size - 1 - i];
     return value;
 }
 static ITN__UNUSED void itn__put_number(itn__buffer *buffer, uint64_t value, size_t size, int big) {
     unsigned char bytes[8];
-    size_t i;
-    for (i = 0; i < size; i++, value >>= 8)
+    for (size_t i = 0; i < size; i++, value >>= 8)
         bytes[big ? size - 1 - i : i] = (unsigned char)(value & 255);
     itn__put(buffer, bytes, size);
 }
 
 /* Floats; returns how many are not finite. */
 static ITN__UNUSED size_t itn__put_floats(itn__buffer *buffer, const float *floats, size_t count) {
-    size_t i, wrong = 0;
+    size_t wrong = 0;
     uint32_t bits;
-    for (i = 0; i < count; i++) {
+    for (size_t i = 0; i < count; i++) {
         memcpy(&bits, floats + i, 4);
         itn__put_number(buffer, bits, 4, 0);
         wrong += !itn__finite(floats[i]);
@@ -11151,10 +10949,10 @@ static int itn__word_length(const itn__text *text) {
 
 /* Skips blanks, then the next word if it is one of these, and says which; -1 if it is none. */
 static int itn__accept(itn__text *text, const char *words) {
-    int length, i, n;
+    int n;
     itn__skip_blanks(text);
-    length = itn__word_length(text);
-    for (i = 0; *words; i++, words += n + (words[n] == ' ')) {
+    int length = itn__word_length(text);
+    for (int i = 0; *words; i++, words += n + (words[n] == ' ')) {
         n = (int)strcspn(words, " ");
         if (n == length && !memcmp(text->at, words, (size_t)n)) return text->at += n, i;
     }
@@ -11197,16 +10995,14 @@ int fsync(int file), fileno(FILE *file); /* strict C99 does not tell of them */
 /* Makes a buffer of a file of at most `limit` bytes; on failure it is empty. */
 static itn_result itn__read_file(const char *path, size_t limit, const itn_context *context,
                                  itn__buffer *buffer, itn_error *error) {
-    FILE *file;
     char part[8192];
     size_t got = 1;
     const char *cause = NULL;
-    itn_result result;
     memset(buffer, 0, sizeof *buffer);
-    result = itn__context_check(context, &buffer->context, error);
+    itn_result result = itn__context_check(context, &buffer->context, error);
     if (result) return result;
     if (!path) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "path is NULL");
-    file = fopen(path, "rb");
+    FILE *file = fopen(path, "rb");
     while (file && got && buffer->size <= limit && !buffer->failed)
         itn__put(buffer, part, got = fread(part, 1, sizeof part, file));
     if (!file || ferror(file)) cause = strerror(errno);
@@ -11235,10 +11031,9 @@ static int itn__replace_file(char *temporary, const char *path) {
     return MoveFileExA(temporary, path, 1 | 8) ? 0 : EACCES; /* replace; wait for the disk */
 #else
     char *slash = strrchr(temporary, '/');
-    FILE *folder;
     if (rename(temporary, path)) return errno;
     strcpy(slash ? slash + 1 : temporary, slash ? "" : ".");
-    folder = fopen(temporary, "r"); /* without it, the file is whole, but its name may get lost */
+    FILE *folder = fopen(temporary, "r"); /* without it, the name may get lost, not the file */
     if (folder) fsync(fileno(folder)), fclose(folder);
     return 0;
 #endif
@@ -11249,14 +11044,14 @@ static int itn__replace_file(char *temporary, const char *path) {
    directly; what is in /dev/shm/ is none. */
 static itn_result itn__write_file(const char *path, itn__buffer *buffer, itn_error *error) {
     char temporary[4096];
-    int device = path && !strncmp(path, "/dev/", 5) && strncmp(path, "/dev/shm/", 9), k;
+    int device = path && !strncmp(path, "/dev/", 5) && strncmp(path, "/dev/shm/", 9);
     int cause = EEXIST;
     FILE *file = NULL;
     itn_result result = ITN_OK;
     if (!path || strlen(path) >= sizeof temporary - 8)
         result = itn__fail(error, ITN_ERROR_ARGUMENT, 0, "path is NULL or longer than 4087 bytes");
     else if (buffer->failed) result = itn__out_of_memory(error, path);
-    for (k = 0; !result && k < 10000 && !file && cause == EEXIST; k++) {
+    for (int k = 0; !result && k < 10000 && !file && cause == EEXIST; k++) {
         itn__print(temporary, sizeof temporary, "%s.tmp%d", path, k);
         file = device ? fopen(path, "wb") : fopen(temporary, "wbx"); /* x: it must be new */
         cause = errno;
@@ -11295,10 +11090,9 @@ typedef struct itn__inflate {
 
 /* Takes `count` (at most 16) bits; zeros where the data has ended. */
 static int itn__take_bits(itn__inflate *z, int count) {
-    int value;
     for (; z->count < count; z->count += 8)
         z->bits |= (uint32_t)itn__take_number(z->in, 1, 0) << z->count;
-    value = (int)(z->bits & ((1u << count) - 1));
+    int value = (int)(z->bits & ((1u << count) - 1));
     z->bits >>= count, z->count -= count;
     return value;
 }
@@ -11306,10 +11100,10 @@ static int itn__take_bits(itn__inflate *z, int count) {
 /* Makes a code from its lengths. Returns how many codes of 15 bits are left: 0 for a complete one,
    negative if there are more codes than fit. */
 static int itn__code_make(itn__code *code, const unsigned char *lengths, int symbols) {
-    int left = 1 << 15, made = 0, length, k;
-    for (length = 1; length < 16; length++) {
+    int left = 1 << 15, made = 0;
+    for (int length = 1; length < 16; length++) {
         int before = made;
-        for (k = 0; k < symbols; k++)
+        for (int k = 0; k < symbols; k++)
             if (lengths[k] == length) code->symbols[made++] = k;
         code->count[length] = made - before;
         left -= code->count[length] << (15 - length);
@@ -11319,8 +11113,8 @@ static int itn__code_make(itn__code *code, const unsigned char *lengths, int sym
 
 /* Returns the next symbol, or -1 where the bits are no code. */
 static int itn__take_symbol(itn__inflate *z, const itn__code *code) {
-    int value = 0, first = 0, index = 0, length;
-    for (length = 1; length < 16; length++) { /* first: the first code of this length */
+    int value = 0, first = 0, index = 0;
+    for (int length = 1; length < 16; length++) { /* first: the first code of this length */
         value = 2 * value + itn__take_bits(z, 1);
         if (value - first < code->count[length]) return code->symbols[index + value - first];
         index += code->count[length];
@@ -11376,18 +11170,18 @@ static int itn__inflate_codes(itn__inflate *z) {
     static const unsigned char least[] = {3, 3, 11}, bits[] = {2, 3, 7}; /* of 16, 17, 18 */
     unsigned char lengths[288 + 32] = {0};
     int literals = itn__take_bits(z, 5) + 257, total = literals + itn__take_bits(z, 5) + 1;
-    int count = itn__take_bits(z, 4) + 4, i, left, used = 0;
-    for (i = 0; i < count; i++) lengths[order[i]] = (unsigned char)itn__take_bits(z, 3);
+    int count = itn__take_bits(z, 4) + 4, used = 0;
+    for (int i = 0; i < count; i++) lengths[order[i]] = (unsigned char)itn__take_bits(z, 3);
     if (itn__code_make(&z->literals, lengths, 19)) return 0;
-    for (i = 0; i < total;) {
+    for (int i = 0; i < total;) {
         int symbol = itn__take_symbol(z, &z->literals), value = symbol < 16 ? symbol : 0;
         int repeat = symbol < 16 ? 1 : least[symbol - 16] + itn__take_bits(z, bits[symbol - 16]);
         if (symbol == 16) value = i ? lengths[i - 1] : -1;
         if (value < 0 || repeat > total - i) return 0;
         while (repeat--) lengths[i++] = (unsigned char)value;
     }
-    for (i = literals; i < total; i++) used += lengths[i] > 0;
-    left = itn__code_make(&z->distances, lengths + literals, total - literals);
+    for (int i = literals; i < total; i++) used += lengths[i] > 0;
+    int left = itn__code_make(&z->distances, lengths + literals, total - literals);
     return !itn__code_make(&z->literals, lengths, literals) && literals < 287 && lengths[256] &&
            total - literals < 31 && left >= 0 && (!left || used < 2);
 }
@@ -11404,8 +11198,7 @@ static int itn__inflate_fixed(itn__inflate *z) {
 /* The Adler-32 sum of bytes behind others, of which it is `sum`; of none it is 1. */
 static uint32_t itn__adler32(uint32_t sum, const unsigned char *bytes, size_t size) {
     uint32_t a = sum & 0xffff, b = sum >> 16;
-    size_t i;
-    for (i = 0; i < size; i++) {
+    for (size_t i = 0; i < size; i++) {
         a += bytes[i], b += a;
         if (i % 5552 == 5551) a %= 65521, b %= 65521; /* before b may overflow */
     }
@@ -11473,11 +11266,11 @@ static const char *itn__take_string(itn__text *text) {
 /* Reads the channel list: for each a name, then its type, 4 bytes of hints, x and y sampling. */
 static void itn__exr_channel_list(itn__exr *exr, itn__text *text) {
     const char *name;
-    int n, i, known;
-    for (n = 0; *(name = itn__take_string(text)) && !text->result; exr->channels = ++n) {
-        uint64_t type = itn__take_number(text, 8, 0) & 0xffffffff, sampling;
-        sampling = itn__take_number(text, 8, 0);
-        for (i = known = 0; i < n; i++) known += !strcmp(name, exr->names[i]);
+    int known;
+    for (int n = 0; *(name = itn__take_string(text)) && !text->result; exr->channels = ++n) {
+        uint64_t type = itn__take_number(text, 8, 0) & 0xffffffff;
+        uint64_t sampling = itn__take_number(text, 8, 0);
+        for (int i = known = 0; i < n; i++) known += !strcmp(name, exr->names[i]);
         if (known || type > ITN__EXR_FLOAT)
             ITN__DAMAGED(text, "EXR channel '%.63s' is there twice, or has no valid type", name);
         if (n == ITN__EXR_CHANNELS || strlen(name) >= ITN_NAME_SIZE || sampling != 0x100000001)
@@ -11501,17 +11294,16 @@ static itn__exr_box itn__exr_take_box(itn__text *text) {
 /* Reads the header, up to the blocks, and checks that the file is large enough for what it promises
    (deflate shrinks at most 1032-fold). */
 static void itn__exr_header(itn__exr *exr) {
-    itn__text *text = exr->text, value;
+    itn__text *text = exr->text;
     uint64_t version = itn__take_number(text, 8, 0) >> 32; /* behind the magic number */
     itn__exr_box *data = &exr->data, *display = &exr->display;
     const char *name;
-    double pixels, shown;
     exr->compression = -1;
     if ((version & ~(uint64_t)ITN__EXR_LONG_NAMES) != 2)
         ITN__UNSUPPORTED(text, "EXR of tiles, deep data, several parts or another version than 2");
     while (!text->result && *(name = itn__take_string(text))) {
         itn__take_string(text); /* the type */
-        value = itn__take_part(text, itn__take_u32(text));
+        itn__text value = itn__take_part(text, itn__take_u32(text));
         if (!strcmp(name, "channels")) itn__exr_channel_list(exr, &value);
         if (!strcmp(name, "compression")) exr->compression = (int)itn__take_number(&value, 1, 0);
         if (!strcmp(name, "dataWindow")) *data = itn__exr_take_box(&value);
@@ -11519,8 +11311,8 @@ static void itn__exr_header(itn__exr *exr) {
         text->result = value.result;
     }
     if (display->width < 1) *display = *data;
-    pixels = (double)data->width * (double)data->height;
-    shown = (double)display->width * (double)display->height;
+    double pixels = (double)data->width * (double)data->height;
+    double shown = (double)display->width * (double)display->height;
     if (exr->compression > ITN__EXR_ZIP)
         ITN__UNSUPPORTED(text, "EXR compression %d (4 is PIZ, from 6 on B44, DWA)",
                          exr->compression);
@@ -11536,12 +11328,11 @@ static void itn__exr_header(itn__exr *exr) {
 
 /* Undoes run lengths: a count n < 128 repeats the next byte n + 1 times, others copy 256 - n. */
 static void itn__exr_unpack_runs(itn__text *in, unsigned char *bytes, size_t capacity) {
-    size_t made = 0, length, n;
-    const unsigned char *run;
+    size_t made = 0, length;
     for (; in->at < in->end; made += length) {
-        n = itn__take_number(in, 1, 0);
+        size_t n = itn__take_number(in, 1, 0);
         length = n < 128 ? n + 1 : 256 - n;
-        run = itn__take_bytes(in, n < 128 ? 1 : length);
+        const unsigned char *run = itn__take_bytes(in, n < 128 ? 1 : length);
         if (length > capacity - made) ITN__DAMAGED(in, "more data than expected");
         if (in->result) return;
         if (n < 128) memset(bytes + made, *run, length);
@@ -11552,9 +11343,10 @@ static void itn__exr_unpack_runs(itn__text *in, unsigned char *bytes, size_t cap
 
 /* Sums the differences up and interleaves the halves. */
 static void itn__exr_unpredict(unsigned char *coded, unsigned char *bytes, size_t size) {
-    size_t i, half = (size + 1) / 2;
-    for (i = 1; i < size; i++) coded[i] = (unsigned char)((coded[i - 1] + coded[i] - 128) & 255);
-    for (i = 0; i < size; i++) bytes[i] = coded[i / 2 + (i & 1 ? half : 0)];
+    size_t half = (size + 1) / 2;
+    for (size_t i = 1; i < size; i++)
+        coded[i] = (unsigned char)((coded[i - 1] + coded[i] - 128) & 255);
+    for (size_t i = 0; i < size; i++) bytes[i] = coded[i / 2 + (i & 1 ? half : 0)];
 }
 
 /* The float equal to a half (1 sign, 5 exponent, 10 mantissa bits; bias 15). */
@@ -11583,14 +11375,13 @@ static float *itn__pixel(const itn_image *image, int plane, int row, int x) {
 /* Spreads the lines of a block, from that row of the data window on, over the image's planes. */
 static void itn__exr_lines(const itn__exr *exr, const unsigned char *data, int64_t row, int64_t end,
                            itn_image *image) {
-    int64_t left = exr->data.x - exr->display.x, x, y;
-    int i;
+    int64_t left = exr->data.x - exr->display.x;
     for (; row < end; row++)
-        for (i = 0; i < exr->channels; i++) {
+        for (int i = 0; i < exr->channels; i++) {
             uint32_t type = exr->types[i], size = type == ITN__EXR_HALF ? 2 : 4;
-            for (x = left; x < left + exr->data.width; x++, data += size) {
+            for (int64_t x = left; x < left + exr->data.width; x++, data += size) {
                 uint32_t bits = (uint32_t)itn__from_bytes(data, size, 0);
-                y = row + exr->data.y - exr->display.y;
+                int64_t y = row + exr->data.y - exr->display.y;
                 if (y < 0 || y >= image->height || x < 0 || x >= image->width) continue;
                 *itn__pixel(image, i, (int)y, (int)x) =
                     type == ITN__EXR_FLOAT  ? itn__float_of(bits)
@@ -11628,16 +11419,14 @@ static void itn__exr_block(itn__exr *exr, itn_image *image) {
 static ITN__COLD void itn__exr_decode(itn__text *text, const itn_context *context,
                                       itn_image *image) {
     itn__exr exr = ITN_ZERO;
-    size_t blocks, lines;
-    int i;
     exr.text = text, text->line = 0;
     itn__exr_header(&exr);
     if (!itn__begin_image(text, exr.display.width, exr.display.height, exr.channels, context,
                           image))
         return;
-    for (i = 0; i < exr.channels; i++) itn__copy_name(image->names[i], exr.names[i]);
-    blocks = (size_t)((exr.data.height - 1) / exr.lines + 1);
-    lines = (size_t)(blocks > 1 ? exr.lines : exr.data.height);
+    for (int i = 0; i < exr.channels; i++) itn__copy_name(image->names[i], exr.names[i]);
+    size_t blocks = (size_t)((exr.data.height - 1) / exr.lines + 1);
+    size_t lines = (size_t)(blocks > 1 ? exr.lines : exr.data.height);
     exr.seen = (unsigned char *)itn__allocate(&image->context, 2 * exr.line * lines + blocks, 1);
     if (exr.seen) exr.scratch = exr.seen + blocks;
     else itn__text_fail(text, ITN_ERROR_MEMORY, "out of memory");
@@ -11654,28 +11443,26 @@ static ITN__COLD void itn__exr_decode(itn__text *text, const itn_context *contex
 static void itn__pfm_decode(itn__text *text, int channels, const itn_context *context,
                             itn_image *image) {
     static const char *const what[] = {"PFM width", "PFM height", "PFM scale"};
-    int x, row, k;
-    double header[3], needed, left;
-    const unsigned char *bytes;
-    for (k = 0; k < 3; k++) {
+    double header[3];
+    for (int k = 0; k < 3; k++) {
         itn__skip_space(text); /* line ends count as blanks */
         header[k] = itn__take_decimal(text, what[k]);
         if (k < 2 ? !(header[k] >= 1 && header[k] < 1e9 && header[k] == floor(header[k]))
                   : (float)header[k] == 0)
             ITN__DAMAGED(text, "%s is %g", what[k], header[k]);
     }
-    needed = header[0] * header[1] * channels * 4;
-    left = (double)(text->end - text->at) - needed;
+    double needed = header[0] * header[1] * channels * 4;
+    double left = (double)(text->end - text->at) - needed;
     /* the one white space character, or two, of a file that was written as text on Windows */
     if (left != 1 && !(left == 2 && itn__newline(text->at, text->end) == 2))
         ITN__DAMAGED(text, "PFM has %.0f bytes of pixels, needs %.0f", needed + left - 1, needed);
     if (!itn__begin_image(text, (int64_t)header[0], (int64_t)header[1], channels, context, image))
         return;
-    bytes = (const unsigned char *)text->at + (int)left;
-    for (k = 0; k < channels; k++) image->names[k][0] = "YRGB"[k + channels / 3];
-    for (row = image->height - 1; row >= 0; row--)
-        for (x = 0; x < image->width; x++)
-            for (k = 0; k < channels; k++, bytes += 4) {
+    const unsigned char *bytes = (const unsigned char *)text->at + (int)left;
+    for (int k = 0; k < channels; k++) image->names[k][0] = "YRGB"[k + channels / 3];
+    for (int row = image->height - 1; row >= 0; row--)
+        for (int x = 0; x < image->width; x++)
+            for (int k = 0; k < channels; k++, bytes += 4) {
                 float *pixel = itn__pixel(image, k, row, x);
                 *pixel = itn__float_of((uint32_t)itn__from_bytes(bytes, 4, header[2] > 0));
                 if (fabs(header[2]) != 1) *pixel *= (float)fabs(header[2]);
@@ -11738,7 +11525,7 @@ static void itn__png_header(itn__png *png, itn__text *in) {
 
 static void itn__png_chunk(itn__png *png) {
     itn__text *text = png->text, in;
-    size_t size = itn__take_number(text, 4, 1) & INT_MAX, k;
+    size_t size = itn__take_number(text, 4, 1) & INT_MAX;
     const unsigned char *start = (const unsigned char *)text->at, *data = start + 4;
     int type;
     in = itn__take_part(text, size + 4), type = (int)itn__take_number(&in, 4, 1);
@@ -11758,12 +11545,12 @@ static void itn__png_chunk(itn__png *png) {
         break;
     case ITN__PLTE:
         if (size > 768) ITN__DAMAGED(&in, "more than 256 colours");
-        for (k = 0; k < size && k < 768; k++) png->palette[k / 3][k % 3] = data[k];
+        for (size_t k = 0; k < size && k < 768; k++) png->palette[k / 3][k % 3] = data[k];
         break;
     case ITN__TRNS:
         if (png->type != ITN__PNG_PALETTE)
             ITN__UNSUPPORTED(&in, "one colour is transparent: save it with an alpha channel");
-        for (k = 0; k < size && k < 256; k++) png->palette[k][3] = data[k];
+        for (size_t k = 0; k < size && k < 256; k++) png->palette[k][3] = data[k];
         png->alpha = 1;
         break;
     default:
@@ -11775,8 +11562,7 @@ static void itn__png_chunk(itn__png *png) {
 /* Undoes the filter of a row, whose pixels begin `step` bytes apart. */
 static void itn__png_unfilter(unsigned char *row, const unsigned char *above, size_t size,
                               size_t step, int filter) {
-    size_t i;
-    for (i = 0; i < size; i++) {
+    for (size_t i = 0; i < size; i++) {
         int a = i < step ? 0 : row[i - step], b = above ? above[i] : 0;
         int c = above && i >= step ? above[i - step] : 0, to[5] = {0, a, b, (a + b) / 2, c};
         int off_a = abs(b - c), off_b = abs(a - c), off_c = abs(a + b - 2 * c);
@@ -11798,7 +11584,7 @@ static void itn__png_rows(itn__png *png, size_t line, itn_image *image) {
     size_t size = line * (size_t)png->height, step = (size_t)(png->depth * png->samples + 7) / 8;
     unsigned char *rows = ITN__NEW(unsigned char, &image->context, size), *row, *above = NULL;
     float *light = ITN__NEW(float, &image->context, image->codes + 1);
-    int palette = png->type == ITN__PNG_PALETTE, x, y, k;
+    int palette = png->type == ITN__PNG_PALETTE, y;
     in.error = text->error, in.line = 0, in.part = text->part = "PNG pixels";
     if (!rows || !light) itn__text_fail(&in, ITN_ERROR_MEMORY, "out of memory");
     else itn__zlib_decode(&in, rows, size);
@@ -11806,13 +11592,12 @@ static void itn__png_rows(itn__png *png, size_t line, itn_image *image) {
     for (y = 0, row = rows; y < png->height && !text->result; y++, above = row + 1, row += line) {
         if (*row > 4) ITN__DAMAGED(text, "row %d has filter %d", y, *row);
         else itn__png_unfilter(row + 1, above, line - 1, step, *row);
-        for (x = 0; x < png->width; x++)
-            for (k = 0; k < image->plane_count; k++) {
+        for (int x = 0; x < png->width; x++)
+            for (int k = 0; k < image->plane_count; k++) {
                 size_t first = (size_t)x * (size_t)png->samples, depth = (size_t)png->depth;
                 unsigned code = itn__png_code(row + 1, palette ? first : first + (size_t)k, depth);
-                double value;
                 if (palette) code = png->palette[code][k];
-                value = (double)code / image->codes;
+                double value = (double)code / image->codes;
                 if (!light[code] && k < png->colours) /* not known yet */
                     light[code] = (float)itn__decode(value, (double)image->gamma);
                 *itn__pixel(image, k, y, x) = k < png->colours ? light[code] : (float)value;
@@ -11824,8 +11609,6 @@ static void itn__png_rows(itn__png *png, size_t line, itn_image *image) {
 static ITN__COLD void itn__png_decode(itn__text *text, const itn_context *context,
                                       itn_image *image) {
     itn__png png = ITN_ZERO;
-    size_t line;
-    int k;
     png.text = text, text->line = 0;
     memset(png.palette, 255, sizeof png.palette);
     text->result = itn__context_check(context, &png.data.context, text->error);
@@ -11833,11 +11616,11 @@ static ITN__COLD void itn__png_decode(itn__text *text, const itn_context *contex
     text->part = "PNG chunk";
     for (; !png.ended && !text->result; text->number++) itn__png_chunk(&png);
     if (png.data.failed) itn__text_fail(text, ITN_ERROR_MEMORY, "out of memory");
-    line = ((size_t)png.width * (size_t)(png.depth * png.samples) + 7) / 8 + 1;
+    size_t line = ((size_t)png.width * (size_t)(png.depth * png.samples) + 7) / 8 + 1;
     if ((double)line * png.height > 1032 * (double)png.data.size || line > INT_MAX)
         ITN__DAMAGED(text, "more pixels than the data hold: cut off or damaged");
     if (itn__begin_image(text, png.width, png.height, png.colours + png.alpha, context, image)) {
-        for (k = 0; k < image->plane_count; k++)
+        for (int k = 0; k < image->plane_count; k++)
             image->names[k][0] = k == png.colours ? 'A' : "YRGB"[k + png.colours / 3];
         image->codes = png.type == ITN__PNG_PALETTE ? 255 : (1 << png.depth) - 1;
         image->gamma = png.gamma;
@@ -11855,10 +11638,10 @@ static itn_result itn__fail_format(const void *bytes, size_t size, const char *n
         {"II*", "a TIFF or raw picture"},   {"MM", "a TIFF or raw picture"},
         {"....ftyp", "a HEIC picture"},     {"RIFF....WEBP", "a WebP picture"},
         {"\x1f\x8b", "packed by gzip"},     {"solid", "an STL mesh"}};
-    const char *at = (const char *)bytes, *what = NULL, *start;
-    size_t i, k;
-    for (i = 0; i < sizeof known / sizeof *known; i++) {
-        start = known[i][0];
+    const char *at = (const char *)bytes, *what = NULL;
+    size_t k;
+    for (size_t i = 0; i < sizeof known / sizeof *known; i++) {
+        const char *start = known[i][0];
         for (k = 0; k < size && start[k] && (start[k] == '.' || start[k] == at[k]);) k++;
         if (!start[k]) what = known[i][1];
     }
@@ -11871,12 +11654,11 @@ static itn_result itn__fail_format(const void *bytes, size_t size, const char *n
 ITN_API itn_result itn_image_from_memory(const void *bytes, size_t size, const char *name,
                                          const itn_context *context, itn_image *image,
                                          itn_error *error) {
-    itn__text text;
     itn_image made = ITN_ZERO;
     int kind;
     if (!bytes || !image)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_image_from_memory: NULL argument");
-    text = itn__text_make(bytes, size, name ? name : "image");
+    itn__text text = itn__text_make(bytes, size, name ? name : "image");
     text.error = error, kind = itn__accept(&text, "Pf PF");
     if (kind >= 0) itn__pfm_decode(&text, kind ? 3 : 1, context, &made);
     else if (size >= 4 && !memcmp(bytes, "\x76\x2f\x31\x01", 4))
@@ -11921,7 +11703,6 @@ static const char *itn__photo_begin(itn__photo *photo) {
     itn_photo_desc *d = &photo->desc;
     const float *planes[3];
     double shape = (double)film->width / film->height;
-    int k;
     if (!d->crop_width) d->crop_width = image->width - d->crop_x;
     if (!d->crop_height) d->crop_height = image->height - d->crop_y;
     if (d->gamma == 0) d->gamma = image->gamma;
@@ -11937,7 +11718,7 @@ static const char *itn__photo_begin(itn__photo *photo) {
     if (!itn__image_colours(image, photo->planes)) return "has neither Y nor R, G and B";
     photo->colours = photo->planes[1] == photo->planes[0] ? 1 : 3;
     if (photo->colours < film->channels) return "has not R, G and B, which the film has";
-    for (k = 3; k < 3 + photo->colours; k++)
+    for (int k = 3; k < 3 + photo->colours; k++)
         photo->planes[k] = itn_image_plane(image, itn__photo_planes[photo->colours / 3][k]);
     photo->stated = d->read_noise > 0 || d->gain > 0 || photo->planes[3];
     photo->alpha = itn_image_plane(image, "A");
@@ -11980,11 +11761,11 @@ static int itn__photo_pixel(itn__photo *photo, size_t at, double share) {
    sides as long as the film has pixels, then one of the film's as long as the crop has. */
 static int itn__photo_mean(itn__photo *photo, int64_t x, int64_t y) {
     const itn_photo_desc *d = &photo->desc;
-    int64_t w = d->crop_width, h = d->crop_height, i, j;
+    int64_t w = d->crop_width, h = d->crop_height;
     int64_t columns = photo->film.width, rows = photo->film.height;
     memset(photo->means, 0, sizeof photo->means);
-    for (j = y * h / rows; j * rows < (y + 1) * h; j++)
-        for (i = x * w / columns; i * columns < (x + 1) * w; i++) {
+    for (int64_t j = y * h / rows; j * rows < (y + 1) * h; j++)
+        for (int64_t i = x * w / columns; i * columns < (x + 1) * w; i++) {
             size_t at = (size_t)((d->crop_y + j) * photo->image->width + d->crop_x + i);
             double across = fmin((double)((i + 1) * columns), (double)((x + 1) * w)) -
                             fmax((double)(i * columns), (double)(x * w));
@@ -11998,16 +11779,16 @@ static int itn__photo_mean(itn__photo *photo, int64_t x, int64_t y) {
 /* Makes a film pixel: its values and, in the planes behind, their variances. */
 static void itn__photo_film(itn__photo *photo, int x, int y, itn_image *made) {
     const itn_photo_desc *d = &photo->desc;
-    int channels = photo->film.channels, codes = photo->image->codes, c;
+    int channels = photo->film.channels, codes = photo->image->codes;
     int counts = itn__photo_mean(photo, x, y);
     double gamma = (double)d->gamma;
     photo->report.masked += !counts;
-    for (c = 0; c < channels; c++) {
-        double mean = photo->means[c], code = itn__encode(mean, gamma), step = 0, variance;
+    for (int c = 0; c < channels; c++) {
+        double mean = photo->means[c], code = itn__encode(mean, gamma), step = 0;
         if (codes && (photo->stated || codes < 256))
             step = itn__decode(code + .5 / codes, gamma) - itn__decode(code - .5 / codes, gamma);
-        variance = photo->means[3 + c] + step * step / 12 + pow((double)d->read_noise, 2) +
-                   (double)d->gain * fmax(mean, 0);
+        double variance = photo->means[3 + c] + step * step / 12 + pow((double)d->read_noise, 2) +
+                          (double)d->gain * fmax(mean, 0);
         variance = variance / photo->count + (photo->stated ? 0 : step * step / 4);
         *itn__pixel(made, c, y, x) = counts ? (float)mean : 0;
         *itn__pixel(made, channels + c, y, x) = counts ? (float)variance : INFINITY;
@@ -12020,7 +11801,6 @@ ITN_API ITN__COLD itn_result itn_photo_make(const itn_image *image, const itn_ph
                                   itn_error *error) {
     itn__photo p = ITN_ZERO;
     itn_image made;
-    itn_result result;
     const char *fault = "is NULL, or the film is none of a scene";
     int i, columns;
     p.image = image, p.film = film;
@@ -12032,8 +11812,8 @@ ITN_API ITN__COLD itn_result itn_photo_make(const itn_image *image, const itn_ph
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "the photo %s (%d x %d pixels of it, for a "
                          "film of %d x %d)", fault, p.desc.crop_width, p.desc.crop_height,
                          film.width, film.height);
-    result = itn_image_create(film.width, film.height, 2 * film.channels, &image->context, &made,
-                              error);
+    itn_result result =
+        itn_image_create(film.width, film.height, 2 * film.channels, &image->context, &made, error);
     if (result) return result;
     for (i = 0; i < film.width * film.height; i++)
         itn__photo_film(&p, i % film.width, i / film.width, &made);
@@ -12079,8 +11859,8 @@ static itn_result itn__check_image(const itn_image *image, int first_plane, int 
 
 /* Sorts the planes by name. Returns NULL, or what is wrong with a name. */
 static const char *itn__exr_order(const itn_image *image, int *order) {
-    int i, k;
-    for (i = 0; i < image->plane_count; i++) {
+    int k;
+    for (int i = 0; i < image->plane_count; i++) {
         const char *name = image->names[i];
         if (!*name || !memchr(name, 0, ITN_NAME_SIZE)) return "a plane's name is empty or endless";
         for (k = i; k > 0 && strcmp(name, image->names[order[k - 1]]) < 0; k--)
@@ -12097,8 +11877,7 @@ static const char *itn__exr_order(const itn_image *image, int *order) {
 /* An attribute is put as its name, type and size, and then its value. */
 static void itn__exr_put_header(itn__buffer *buffer, const itn_image *image, const int *order) {
     size_t list = 1, longest = 0, length;
-    int i;
-    for (i = 0; i < image->plane_count; i++, list += length + 17) {
+    for (int i = 0; i < image->plane_count; i++, list += length + 17) {
         length = strlen(image->names[i]);
         if (length > longest) longest = length;
     }
@@ -12106,13 +11885,13 @@ static void itn__exr_put_header(itn__buffer *buffer, const itn_image *image, con
     itn__put_number(buffer, longest > 31 ? 2 | ITN__EXR_LONG_NAMES : 2, 4, 0);
     ITN__PUT_BYTES(buffer, "channels\0chlist\0");
     itn__put_number(buffer, list, 4, 0);
-    for (i = 0; i < image->plane_count; i++) {
+    for (int i = 0; i < image->plane_count; i++) {
         const char *name = image->names[order[i]];
         itn__put(buffer, name, strlen(name) + 1);
         ITN__PUT_BYTES(buffer, "\2\0\0\0\0\0\0\0\1\0\0\0\1\0\0\0"); /* float; not subsampled */
     }
     ITN__PUT_BYTES(buffer, "\0compression\0compression\0\1\0\0\0\0");
-    for (i = 0; i < 2; i++) {
+    for (int i = 0; i < 2; i++) {
         itn__put(buffer, i ? "displayWindow" : "dataWindow", i ? 14 : 11);
         ITN__PUT_BYTES(buffer, "box2i\0\20\0\0\0\0\0\0\0\0\0\0\0");
         itn__put_number(buffer, (uint32_t)image->width - 1, 4, 0);
@@ -12127,23 +11906,22 @@ static void itn__exr_put_header(itn__buffer *buffer, const itn_image *image, con
 ITN_API ITN__COLD itn_result itn_image_save_exr(const itn_image *image, const char *path,
                                                 itn_error *error) {
     itn__buffer buffer;
-    uint64_t line, start;
-    int planes = image ? image->plane_count : 0, order[ITN__EXR_CHANNELS], row, i;
-    const char *fault;
+    int planes = image ? image->plane_count : 0, order[ITN__EXR_CHANNELS];
     itn_result result = itn__check_image(image, 0, planes, 0, &buffer, error);
     if (result) return result;
-    line = (uint64_t)image->width * (uint64_t)planes * 4;
-    fault = line > INT_MAX || planes > ITN__EXR_CHANNELS ? "a line of 2 GiB, or 1025 planes"
-                                                         : itn__exr_order(image, order);
+    uint64_t line = (uint64_t)image->width * (uint64_t)planes * 4;
+    const char *fault = line > INT_MAX || planes > ITN__EXR_CHANNELS
+                            ? "a line of 2 GiB, or 1025 planes"
+                            : itn__exr_order(image, order);
     if (fault) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving an image: %s", fault);
     itn__exr_put_header(&buffer, image, order);
-    start = buffer.size + 8 * (uint64_t)image->height;
+    uint64_t start = buffer.size + 8 * (uint64_t)image->height;
     buffer.failed |= line + 16 > SIZE_MAX / 8 / (uint64_t)image->height;
-    for (row = 0; row < image->height && !buffer.failed; row++)
+    for (int row = 0; row < image->height && !buffer.failed; row++)
         itn__put_number(&buffer, start + (uint64_t)row * (line + 8), 8, 0);
-    for (row = 0; row < image->height && !buffer.failed; row++) {
+    for (int row = 0; row < image->height && !buffer.failed; row++) {
         itn__put_number(&buffer, (uint64_t)row | line << 32, 8, 0);
-        for (i = 0; i < planes; i++)
+        for (int i = 0; i < planes; i++)
             itn__put_floats(&buffer, itn__pixel(image, order[i], row, 0), (size_t)image->width);
     }
     return itn__write_file(path, &buffer, error);
@@ -12153,15 +11931,14 @@ ITN_API itn_result itn_image_save_pfm(const itn_image *image, int first_plane, i
                                       const char *path, itn_error *error) {
     itn__buffer buffer;
     char header[64];
-    int row, x, k;
     itn_result result = itn__check_image(image, first_plane, plane_count, 1, &buffer, error);
     if (result) return result;
     itn__put(&buffer, header, itn__print(header, sizeof header, "P%c\n%d %d\n-1.0\n",
                                          plane_count == 3 ? 'F' : 'f', image->width,
                                          image->height));
-    for (row = image->height - 1; row >= 0 && !buffer.failed; row--)
-        for (x = 0; x < image->width; x++)
-            for (k = first_plane; k < first_plane + plane_count; k++)
+    for (int row = image->height - 1; row >= 0 && !buffer.failed; row--)
+        for (int x = 0; x < image->width; x++)
+            for (int k = first_plane; k < first_plane + plane_count; k++)
                 itn__put_floats(&buffer, itn__pixel(image, k, row, x), 1);
     return itn__write_file(path, &buffer, error);
 }
@@ -12169,13 +11946,12 @@ ITN_API itn_result itn_image_save_pfm(const itn_image *image, int first_plane, i
 /* The 99th percentile (by rank) of the sizes of finite numbers; without signs, negative ones count
    as 0. It is found bit by bit, as the bits of positive floats are ordered as the floats are. */
 static float itn__percentile99(const float *values, size_t count, int with_signs) {
-    uint32_t found = 0, bit, bits;
-    size_t i, below, total;
-    float value;
-    for (bit = 1u << 30; bit; bit >>= 1) {
-        for (i = below = total = 0; i < count; i++) {
+    uint32_t found = 0, bits;
+    size_t below, total;
+    for (uint32_t bit = 1u << 30; bit; bit >>= 1) {
+        for (size_t i = below = total = 0; i < count; i++) {
             if (!itn__finite(values[i])) continue;
-            value = with_signs ? fabsf(values[i]) : itn__max(values[i], 0);
+            float value = with_signs ? fabsf(values[i]) : itn__max(values[i], 0);
             memcpy(&bits, &value, 4);
             below += bits < (found | bit), total++;
         }
@@ -12200,9 +11976,9 @@ static void itn__png_put_chunk(itn__buffer *png, const char *type, itn__buffer *
 
 /* Noise does not compress: the zlib stream of a PNG file is stored blocks. */
 static void itn__zlib_store(itn__buffer *out, const itn__buffer *data) {
-    size_t at, size;
+    size_t size;
     itn__put_number(out, 0x7801, 2, 1);
-    for (at = 0; at < data->size; at += size) {
+    for (size_t at = 0; at < data->size; at += size) {
         size = data->size - at < 65535 ? data->size - at : 65535;
         itn__put_number(out, (at + size == data->size) | size << 8 | (size ^ 0xffff) << 24, 5, 0);
         itn__put(out, data->bytes + at, size);
@@ -12213,32 +11989,31 @@ static void itn__zlib_store(itn__buffer *out, const itn__buffer *data) {
 ITN_API ITN__COLD itn_result itn_image_save_png(const itn_image *image, int first_plane,
                                                 int plane_count, itn_png_mode mode, float scale,
                                                 const char *path, itn_error *error) {
-    itn__buffer png, rows, data;
-    float largest;
-    int x, y, k;
+    itn__buffer png, data;
     itn_result result = itn__check_image(image, first_plane, plane_count, 1, &png, error);
     if (result) return result;
-    rows = data = png;
+    itn__buffer rows = data = png;
     if (!(scale >= 0) || !itn__finite(scale) || (mode != ITN_PNG_TONE && mode != ITN_PNG_SIGNED) ||
         image->height > INT_MAX / 4 / image->width)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "saving a PNG: mode %d, scale %g or %d x %d pixels", (int)mode,
                          (double)scale, image->width, image->height);
     if (scale == 0) {
-        largest = itn__percentile99(itn__pixel(image, first_plane, 0, 0), (size_t)plane_count *
-                                    (size_t)image->width * (size_t)image->height,
-                                    mode == ITN_PNG_SIGNED);
+        float largest =
+            itn__percentile99(itn__pixel(image, first_plane, 0, 0),
+                              (size_t)plane_count * (size_t)image->width * (size_t)image->height,
+                              mode == ITN_PNG_SIGNED);
         scale = largest >= FLT_MIN ? 1 / largest : 1;
     }
-    for (y = 0; y < image->height && !rows.failed; y++) {
+    for (int y = 0; y < image->height && !rows.failed; y++) {
         itn__put_number(&rows, 0, 1, 1); /* not filtered */
-        for (x = 0; x < image->width; x++) {
-            double v[3], mean;
+        for (int x = 0; x < image->width; x++) {
+            double v[3];
             unsigned char rgb[3] = {255, 0, 255}; /* of NaN */
-            for (k = 0; k < 3; k++)
+            for (int k = 0; k < 3; k++)
                 v[k] = (double)(scale * *itn__pixel(image, first_plane + k % plane_count, y, x));
-            mean = (v[0] + v[1] + v[2]) / 3;
-            for (k = 0; k < 3 && mean == mean; k++)
+            double mean = (v[0] + v[1] + v[2]) / 3;
+            for (int k = 0; k < 3 && mean == mean; k++)
                 rgb[k] = itn__byte(mode == ITN_PNG_SIGNED ? (1 - k) * mean
                                                           : itn__encode(fmin(fmax(v[k], 0), 1), 0));
             itn__put(&rows, rgb, 3);
@@ -12300,8 +12075,7 @@ static void itn__put_corner(itn__builder *b, const itn__corner *corner) {
 static double itn__turn(const itn__corner *h, const itn__corner *i, const itn__corner *j,
                         const double n[3]) {
     double u[3], v[3];
-    int k;
-    for (k = 0; k < 3; k++)
+    for (int k = 0; k < 3; k++)
         u[k] = (double)i->p[k] - (double)h->p[k], v[k] = (double)j->p[k] - (double)h->p[k];
     return n[0] * (u[1] * v[2] - u[2] * v[1]) + n[1] * (u[2] * v[0] - u[0] * v[2]) +
            n[2] * (u[0] * v[1] - u[1] * v[0]);
@@ -12313,9 +12087,8 @@ static int itn__same_place(const itn__corner *a, const itn__corner *b) {
 
 /* Whether corner i, between h and j, of the count that are left is an ear. */
 static int itn__is_ear(const itn__corner *c, int count, int h, int i, int j, const double n[3]) {
-    const itn__corner *d;
     if (!(itn__turn(c + h, c + i, c + j, n) > 0)) return 0;
-    for (d = c; d < c + count; d++)
+    for (const itn__corner *d = c; d < c + count; d++)
         if (itn__turn(c + h, c + i, d, n) >= 0 && itn__turn(c + i, c + j, d, n) >= 0 &&
             itn__turn(c + j, c + h, d, n) >= 0 && !itn__same_place(d, c + h) &&
             !itn__same_place(d, c + i) && !itn__same_place(d, c + j))
@@ -12331,22 +12104,22 @@ static int itn__is_ear(const itn__corner *c, int count, int h, int i, int j, con
 static void itn__add_polygon(itn__builder *b, itn__text *text) {
     itn__corner *c = (itn__corner *)(void *)b->corners.bytes;
     size_t given = b->corners.size / sizeof *c;
-    int count = (int)given, n = 0, fan = 1, earless = 0, i, k;
+    int count = (int)given, n = 0, fan = 1, earless = 0, k;
     double normal[3] = {0, 0, 0};
     if (given < 3 || given > INT_MAX / 16)
         ITN__DAMAGED(text, "a face needs three corners or more, not %.0f", (double)given);
     if (text->result) return;
-    for (i = 0; i < count; i++)
+    for (int i = 0; i < count; i++)
         if (n + count - i <= 3 || !itn__same_place(c + i, c + (i + 1) % count)) c[n++] = c[i];
     for (k = 0; k < 3 && n > 3; k++) { /* a triangle needs no normal */
         double axis[3] = {0, 0, 0};
         axis[k] = 1;
-        for (i = 1; i + 1 < n; i++) normal[k] += itn__turn(c, c + i, c + i + 1, axis);
+        for (int i = 1; i + 1 < n; i++) normal[k] += itn__turn(c, c + i, c + i + 1, axis);
     }
-    for (i = 1; i + 1 < n; i++) fan &= itn__turn(c, c + i, c + i + 1, normal) >= 0;
+    for (int i = 1; i + 1 < n; i++) fan &= itn__turn(c, c + i, c + i + 1, normal) >= 0;
     if (!fan && n > ITN__EAR_CORNERS)
         ITN__UNSUPPORTED(text, "a face of this shape has more than %d corners", ITN__EAR_CORNERS);
-    for (i = n - 1; n >= 3 && !text->result; n--, i = (i + n - 1) % n) {
+    for (int i = n - 1; n >= 3 && !text->result; n--, i = (i + n - 1) % n) {
         for (k = 0; k < n && n > 3 && !fan && earless < 2; k++, i = (i + 1) % n)
             if (itn__is_ear(c, n, (i + n - 1) % n, i, (i + 1) % n, normal)) break;
         earless += k == n;
@@ -12362,14 +12135,13 @@ static void itn__add_polygon(itn__builder *b, itn__text *text) {
 static itn_result itn__builder_mesh(const itn__builder *b, const char *name,
                                     const itn_context *context, itn_mesh *mesh, itn_error *error) {
     const float *p = (const float *)(const void *)b->positions.bytes;
-    size_t vertices = b->positions.size / 12, triangles = b->triangles.size / 12, i, k;
+    size_t vertices = b->positions.size / 12, triangles = b->triangles.size / 12;
     float size = 0, farthest = 0;
-    itn_result result;
     if (vertices > INT_MAX / 3 || triangles > INT_MAX / 3)
         return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "%s: mesh is too large", name);
-    for (k = 0; k < 3; k++) {
+    for (size_t k = 0; k < 3; k++) {
         float lower = p[k], upper = p[k];
-        for (i = k; i < 3 * vertices; i += 3)
+        for (size_t i = k; i < 3 * vertices; i += 3)
             lower = itn__min(lower, p[i]), upper = itn__max(upper, p[i]);
         size = itn__max(size, upper - lower);
         farthest = itn__max(farthest, itn__max(-lower, upper));
@@ -12379,7 +12151,8 @@ static itn_result itn__builder_mesh(const itn__builder *b, const char *name,
                          "%s: coordinates near %g of a mesh that is %g large, of which floats keep "
                          "too few digits: move it to the origin", name, (double)farthest,
                          (double)size);
-    result = itn_mesh_create((int)vertices, (int)triangles, !b->untextured, context, mesh, error);
+    itn_result result =
+        itn_mesh_create((int)vertices, (int)triangles, !b->untextured, context, mesh, error);
     if (result) return result;
     memcpy(mesh->positions, p, b->positions.size);
     memcpy(mesh->triangles, b->triangles.bytes, b->triangles.size);
@@ -12394,8 +12167,8 @@ static itn_result itn__builder_mesh(const itn__builder *b, const char *name,
 static void itn__obj_corner(itn__text *text, itn__builder *b, const size_t counts[3]) {
     const char *word = text->at, *at = word, *end = word + itn__word_length(text);
     size_t index[3] = {SIZE_MAX, SIZE_MAX, SIZE_MAX};
-    int k, valid = 1;
-    for (k = 0; k < 3 && valid && at < end; k++, at += at < end) {
+    int valid = 1;
+    for (int k = 0; k < 3 && valid && at < end; k++, at += at < end) {
         double value = 0, most = (double)counts[k];
         const char *next = *at == '/' ? NULL : itn__parse_number(at, end, &value);
         if (*at == '/') continue;
@@ -12417,9 +12190,9 @@ static void itn__obj_decode(itn__text *text, itn__builder *b) {
     size_t counts[3] = {0, 0, 0}; /* of vertices, texture coordinates and normals */
     for (; text->at < text->end; itn__next_line(text)) {
         float numbers[3] = {0, 0, 0};
-        int keyword = itn__accept(text, "v vt vn f"), k;
+        int keyword = itn__accept(text, "v vt vn f");
         if (keyword == 0 || keyword == 1) {
-            for (k = 0; k < 3 - keyword && (!keyword || !k || !itn__line_done(text)); k++)
+            for (int k = 0; k < 3 - keyword && (!keyword || !k || !itn__line_done(text)); k++)
                 numbers[k] = (float)itn__take_decimal(text, names[keyword]);
             itn__put(keyword ? &b->texcoords : &b->positions, numbers, keyword ? 8 : 12);
         } else if (keyword == 3) {
@@ -12472,15 +12245,15 @@ static int itn__ply_type(itn__text *text) {
 
 /* Reads "TYPE name" or "list TYPE TYPE name". Returns NULL, or what is wrong. */
 static const char *itn__ply_property(itn__ply *ply, itn__ply_line *p) {
-    int list = itn__accept(ply->text, "list") == 0, i;
+    int list = itn__accept(ply->text, "list") == 0;
     p->list = list ? itn__ply_type(ply->text) : -1;
     p->type = itn__ply_type(ply->text);
     if (!ply->count) return "property stands before any element";
     if (p->type < 0 || (list && p->list < 0) || itn__line_done(ply->text))
         return "property has no valid type or no name";
     if (p->list >= 6) return "list has a count that is no integer";
-    i = itn__accept(ply->text, "x y z u v s t texture_u texture_v vertex_indices vertex_index "
-                               "texcoord");
+    int i = itn__accept(ply->text, "x y z u v s t texture_u texture_v vertex_indices vertex_index "
+                                   "texcoord");
     p->role = i < 0 || list != (i >= 9) || ply->kind != (list ? ITN__PLY_FACE : ITN__PLY_VERTEX)
                   ? ITN__PLY_NONE
                   : "012343434556"[i] - '0';
@@ -12506,11 +12279,11 @@ static const char *itn__ply_element(itn__ply *ply, itn__ply_line *element) {
 static void itn__ply_header(itn__ply *ply) {
     itn__text *text = ply->text;
     const char *fault = NULL;
-    int keyword = -1, lone_return;
+    int keyword = -1;
     ply->format = -1;
     itn__skip_blanks(text);
     /* "ply" ends in CR LF or LF or CR; in CR, a CR LF at the end is a line end and a datum */
-    lone_return = text->end - text->at > 1 && text->at[0] == '\r' && text->at[1] != '\n';
+    int lone_return = text->end - text->at > 1 && text->at[0] == '\r' && text->at[1] != '\n';
     while (keyword != 0 && !fault) {
         itn__ply_line *line = ply->lines + ply->count;
         itn__next_line(text);
@@ -12539,15 +12312,13 @@ static void itn__ply_header(itn__ply *ply) {
 /* Reads a number of any type; NaN if the text is none. */
 static double itn__ply_value(itn__ply *ply, int type) {
     size_t size = itn__ply_sizes[type];
-    uint64_t bits;
-    double value;
     if (ply->format == ITN__PLY_ASCII) {
         itn__skip_space(ply->text);
         if (ply->text->at == ply->text->end) itn__take_bytes(ply->text, 1); /* fails */
         return itn__take_decimal(ply->text, NULL);
     }
-    bits = itn__take_number(ply->text, size, ply->format == ITN__PLY_BIG);
-    value = (double)bits;
+    uint64_t bits = itn__take_number(ply->text, size, ply->format == ITN__PLY_BIG);
+    double value = (double)bits;
     if (type < 6 && type % 2 == 0 && bits >> (8 * size - 1)) value -= ldexp(1, 8 * (int)size);
     if (type == 6) value = (double)itn__float_of((uint32_t)bits);
     if (type == 7) memcpy(&value, &bits, 8);
@@ -12574,7 +12345,7 @@ static void itn__ply_take(itn__ply *ply, int role, double value, float vertex[8]
 static void itn__ply_entry(itn__ply *ply, int kind, const itn__ply_line *p, int count) {
     itn__builder *b = ply->builder;
     itn__corner *corners;
-    size_t before = b->texcoords.size, own, i;
+    size_t before = b->texcoords.size, own;
     float vertex[8] = {0, 0, 0, 0, 0, 0, 0, 0};
     b->corners.size = 0;
     for (; count--; p++) {
@@ -12590,7 +12361,7 @@ static void itn__ply_entry(itn__ply *ply, int kind, const itn__ply_line *p, int 
     corners = (itn__corner *)(void *)b->corners.bytes, own = (b->texcoords.size - before) / 4;
     if (own && own != 2 * (b->corners.size / sizeof *corners))
         ITN__DAMAGED(ply->text, "has not two texture coordinates per corner");
-    for (i = 0; 2 * i < own && !ply->text->result; i++) {
+    for (size_t i = 0; 2 * i < own && !ply->text->result; i++) {
         memcpy(corners[i].uv, b->texcoords.bytes + before + 8 * i, 8);
         corners[i].textured = 1;
     }
@@ -12601,10 +12372,11 @@ static void itn__ply_entry(itn__ply *ply, int kind, const itn__ply_line *p, int 
 static void itn__ply_decode(itn__text *text, itn__builder *builder) {
     static const char *const kinds[] = {"entry", "vertex", "face"};
     itn__ply ply = ITN_ZERO;
-    const itn__ply_line *element = ply.lines, *p, *end;
+    const itn__ply_line *element = ply.lines, *p;
     ply.text = text, ply.builder = builder;
     itn__ply_header(&ply);
-    for (end = ply.lines + ply.count; element < end && !text->result; element = p) {
+    for (const itn__ply_line *end = ply.lines + ply.count; element < end && !text->result;
+         element = p) {
         for (p = element + 1; p < end && p->type >= 0;) p++;
         text->part = kinds[element->role];
         text->number = p > element + 1 ? 0 : element->count; /* nothing of nothing */
@@ -12618,16 +12390,14 @@ ITN_API ITN__COLD itn_result itn_mesh_from_memory(const void *bytes, size_t size
                                                   itn_error *error) {
     itn__builder b = ITN_ZERO;
     itn_context checked;
-    itn__text text;
     itn_mesh made;
-    itn_result result;
     if (!bytes || !mesh)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_mesh_from_memory: NULL argument");
-    result = itn__context_check(context, &checked, error);
+    itn_result result = itn__context_check(context, &checked, error);
     if (result) return result;
     b.positions.context = b.texcoords.context = b.corners.context = checked;
     b.triangles.context = b.uvs.context = checked;
-    text = itn__text_make(bytes, size, name ? name : "mesh");
+    itn__text text = itn__text_make(bytes, size, name ? name : "mesh");
     text.error = error;
     if (itn__accept(&text, "ply") == 0 && text.at < text.end) itn__ply_decode(&text, &b);
     else itn__obj_decode(&text, &b);
@@ -12657,12 +12427,10 @@ ITN_API itn_result itn_mesh_load(const char *path, const itn_context *context, i
 ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn_error *error) {
     itn__buffer buffer = ITN_ZERO;
     char header[400];
-    size_t i, k, wrong;
-    itn_result result;
     if (!mesh || mesh->vertex_count < 1 || mesh->triangle_count < 1 || !mesh->positions ||
         !mesh->triangles)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving a mesh: it has no triangles");
-    result = itn__context_check(&mesh->context, &buffer.context, error);
+    itn_result result = itn__context_check(&mesh->context, &buffer.context, error);
     if (result) return result;
     itn__put(&buffer, header,
              itn__print(header, sizeof header,
@@ -12671,10 +12439,10 @@ ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn
                         "property list uchar int vertex_indices\n%send_header\n",
                         mesh->vertex_count, mesh->triangle_count,
                         mesh->uvs ? "property list uchar float texcoord\n" : ""));
-    wrong = itn__put_floats(&buffer, mesh->positions, 3 * (size_t)mesh->vertex_count);
-    for (i = 0; i < (size_t)mesh->triangle_count; i++) {
+    size_t wrong = itn__put_floats(&buffer, mesh->positions, 3 * (size_t)mesh->vertex_count);
+    for (size_t i = 0; i < (size_t)mesh->triangle_count; i++) {
         itn__put(&buffer, "\3", 1);
-        for (k = 3 * i; k < 3 * i + 3; k++) {
+        for (size_t k = 3 * i; k < 3 * i + 3; k++) {
             wrong += mesh->triangles[k] < 0 || mesh->triangles[k] >= mesh->vertex_count;
             itn__put_number(&buffer, (uint32_t)mesh->triangles[k], 4, 0);
         }
@@ -12708,8 +12476,7 @@ ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn
 
 static uint64_t itn__fnv1a(const char *bytes, size_t size) {
     uint64_t hash = 0xcbf29ce484222325ull;
-    size_t k;
-    for (k = 0; k < size; k++) hash = (hash ^ (unsigned char)bytes[k]) * 0x100000001b3ull;
+    for (size_t k = 0; k < size; k++) hash = (hash ^ (unsigned char)bytes[k]) * 0x100000001b3ull;
     return hash;
 }
 
@@ -12719,14 +12486,14 @@ static itn_result itn__weights_header(itn__text *text, itn_net *shape, size_t *a
     itn_net_desc desc = ITN_ZERO;
     uint64_t count;
     uint32_t version;
-    int sizes[ITN__NET_SIZES - 1], given = 1, k;
+    int sizes[ITN__NET_SIZES - 1], given = 1;
     if (size < 16 || memcmp(text->start, ITN__WEIGHTS_MAGIC, 8))
         return ITN__DAMAGED(text, "not a network file (these begin with ITN-NET)");
     text->at = text->start + 8;
     version = itn__take_u32(text), *arrays = itn__take_u32(text);
     if (version != 1)
         return ITN__DAMAGED(text, "file version %.0f, this build reads version 1", (double)version);
-    for (k = 0; k < 6; k++) given &= (sizes[k] = (int32_t)itn__take_u32(text)) != 0;
+    for (int k = 0; k < 6; k++) given &= (sizes[k] = (int32_t)itn__take_u32(text)) != 0;
     memcpy(&desc, sizes, sizeof sizes);
     count = itn__take_number(text, 8, 0), shape->steps = itn__take_number(text, 8, 0);
     if ((*arrays != 1 && *arrays != 3) ||
@@ -12749,17 +12516,15 @@ ITN_API itn_result itn_net_from_memory(const void *data, size_t size, const char
                                        const itn_context *context, itn_net **net,
                                        itn_error *error) {
     itn_net shape = ITN_ZERO, *made = NULL;
-    itn__text text;
-    itn_result result;
-    size_t arrays = 0, k;
+    size_t arrays = 0;
     if (!data || !net)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_from_memory: a pointer is NULL");
-    text = itn__text_make(data, size, name ? name : "network");
+    itn__text text = itn__text_make(data, size, name ? name : "network");
     text.error = error, text.line = 0;
-    result = itn__weights_header(&text, &shape, &arrays);
+    itn_result result = itn__weights_header(&text, &shape, &arrays);
     shape.desc.batch = batch;
     if (!result) result = itn__net_make(&shape.desc, context, &made, error);
-    for (k = 0; !result && k < arrays * shape.count; k++) {
+    for (size_t k = 0; !result && k < arrays * shape.count; k++) {
         float value = made->parameters[k] = itn__float_of(itn__take_u32(&text));
         if (!itn__finite(value) || (k >= 2 * shape.count && value < 0)) /* mean of squares */
             result = ITN__DAMAGED(&text, "%s %.0f is %g: written by a training run gone wrong",
@@ -12775,11 +12540,11 @@ ITN_API itn_result itn_net_from_memory(const void *data, size_t size, const char
 ITN_API itn_result itn_net_save(const itn_net *net, const char *path, int weights_only,
                                 itn_error *error) {
     itn__buffer buffer = ITN_ZERO;
-    size_t k, arrays = weights_only ? 1 : 3, values;
+    size_t arrays = weights_only ? 1 : 3;
     int sizes[ITN__NET_SIZES - 1];
     if (!net || !path)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_save: a pointer is NULL");
-    values = arrays * net->count;
+    size_t values = arrays * net->count;
     if (itn__first_beyond(net->parameters, values, FLT_MAX) < values)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "%s: not written, because a weight or Adam moment is not finite", path);
@@ -12787,7 +12552,7 @@ ITN_API itn_result itn_net_save(const itn_net *net, const char *path, int weight
     itn__put(&buffer, ITN__WEIGHTS_MAGIC, 8);
     itn__put_number(&buffer, 1 | (uint64_t)arrays << 32, 8, 0);
     memcpy(sizes, &net->desc, sizeof sizes);
-    for (k = 0; k < 6; k++) itn__put_number(&buffer, (uint32_t)sizes[k], 4, 0);
+    for (size_t k = 0; k < 6; k++) itn__put_number(&buffer, (uint32_t)sizes[k], 4, 0);
     itn__put_number(&buffer, net->count, 8, 0);
     itn__put_number(&buffer, weights_only ? 0 : net->steps, 8, 0);
     itn__put_floats(&buffer, net->parameters, values);
@@ -12850,11 +12615,11 @@ static int itn__transform_add(float transform[12], char step, const float n[4]) 
     double length = sqrt((double)n[0] * n[0] + (double)n[1] * n[1] + (double)n[2] * n[2]);
     double angle = n[3] * (3.14159265358979324 / 180), c = cos(angle), s = sin(angle) / length;
     double largest = 0;
-    int column, k, good = 1;
-    for (column = 0; column < 4; column++) {
+    int good = 1;
+    for (int column = 0; column < 4; column++) {
         double v[3], dot = 0, w;
-        for (k = 0; k < 3; k++) v[k] = transform[4 * k + column], dot += v[k] * n[k] / length;
-        for (k = 0; k < 3; k++) {
+        for (int k = 0; k < 3; k++) v[k] = transform[4 * k + column], dot += v[k] * n[k] / length;
+        for (int k = 0; k < 3; k++) {
             int l = (k + 1) % 3, m = (k + 2) % 3;
             if (step == 's') w = v[k] * n[k];
             else if (step == 't') w = v[k] + (column == 3 ? n[k] : 0);
@@ -12870,8 +12635,7 @@ static int itn__transform_add(float transform[12], char step, const float n[4]) 
 /* A checker's numbers: A B SIZE, A and B being of one number or of three. */
 static void itn__read_checker(itn__reader *r, const float *n, int count) {
     itn_surface_desc *surface = (itn_surface_desc *)(void *)r->item;
-    int k;
-    for (k = 0; k < 3; k++) {
+    for (int k = 0; k < 3; k++) {
         surface->reflectance[k] = n[count == 7 ? k : 0];
         surface->reflectance2[k] = n[count == 7 ? 3 + k : 1];
     }
@@ -12968,8 +12732,7 @@ static void itn__read_fields(itn__reader *r) {
 /* What is not given is missing, or what `otherwise` says. */
 static void itn__end_fields(itn__reader *r) {
     const itn__field *field = r->form->fields;
-    int k;
-    for (k = 0; field->name; k++, field++) {
+    for (int k = 0; field->name; k++, field++) {
         float n[ITN__MOST_NUMBERS] = {0};
         if (!r->given[k] && itn__has_form(field, '!'))
             ITN__WRONG("%s: %s is missing", itn__kinds[r->form->kind], field->name);
@@ -12981,14 +12744,14 @@ static void itn__end_fields(itn__reader *r) {
 /* A medium has sigma_t and albedo, or mu_a and mu_s, or mu_a, mu_s' = mu_s (1 - g) and g. */
 static void itn__end_medium(itn__reader *r, itn_medium_desc *medium) {
     const int *given = r->given; /* sigma_t albedo g mu_a mu_s mu_s' mu_s_prime */
-    int scattering = !!given[4] + !!given[5] + !!given[6], equal = 1, c;
+    int scattering = !!given[4] + !!given[5] + !!given[6], equal = 1;
     if (!given[3] && !scattering && !(given[0] && given[1]))
         ITN__WRONG("medium: %s is missing", given[0] ? "albedo" : "sigma_t");
     if (!given[3] && !scattering) return;
     if (given[0] || given[1] || !given[3] || scattering != 1 || (!given[4] && !given[2]))
         ITN__WRONG("a medium has either sigma_t and albedo, or mu_a and mu_s, or mu_a, mu_s' (or "
                    "mu_s_prime) and g");
-    for (c = 0; c < 3; c++) {
+    for (int c = 0; c < 3; c++) {
         float g = given[2] == 4 ? medium->g_rgb[c] : medium->g, mu_a = medium->albedo[c];
         float mu_s = medium->sigma_t_rgb[c] / (given[4] ? 1 : 1 - g), sigma_t = mu_a + mu_s;
         medium->albedo[c] = sigma_t > 0 ? mu_s / sigma_t : 0, medium->sigma_t_rgb[c] = sigma_t;
@@ -13000,10 +12763,10 @@ static void itn__end_medium(itn__reader *r, itn_medium_desc *medium) {
 
 /* The three forms of reflectance: a colour, an image (times a colour), a checker. */
 static void itn__end_reflectance(itn__reader *r, itn_surface_desc *surface) {
-    int plain = r->given[0], image = r->given[1], checker = r->given[2], k;
+    int plain = r->given[0], image = r->given[1], checker = r->given[2];
     if (!plain || (plain > 1 ? checker : !image == !checker))
         ITN__WRONG("reflectance is a colour, [colour] texture FILE or checker A B SIZE");
-    for (k = 0; k < 3 && plain == 1 && image; k++) surface->reflectance[k] = 1;
+    for (int k = 0; k < 3 && plain == 1 && image; k++) surface->reflectance[k] = 1;
     if (image) surface->texture = ITN_TEXTURE_IMAGE;
 }
 
@@ -13011,13 +12774,12 @@ static void itn__end_reflectance(itn__reader *r, itn_surface_desc *surface) {
 static itn_result itn__sky_from_memory(const itn_context *context, const itn_file *file,
                                        itn_sky *sky, itn_error *error) {
     itn__reader *r = ITN__NEW(itn__reader, context, 1);
-    itn_result result;
     if (!r) return itn__out_of_memory(error, "a sky");
     r->text = itn__text_make(file->bytes, file->size, file->name), r->text.error = error;
     r->form = &itn__forms[ITN__OWN_FORMS - 1], r->item = (char *)sky;
     for (; r->text.at < r->text.end; itn__next_line(&r->text)) itn__read_fields(r);
     itn__end_fields(r);
-    result = r->text.result;
+    itn_result result = r->text.result;
     itn__free(context, r);
     return result;
 }
@@ -13048,7 +12810,7 @@ static itn_result itn__read_beside(const itn__reader *r, itn__buffer *path, itn_
 
 /* Loads the item's file - a mesh, a picture or a sky, given in memory or read - to its desc. */
 static void itn__load_file(itn__reader *r) {
-    int kind = r->form->kind, index = r->count[kind] - 1, k;
+    int kind = r->form->kind, index = r->count[kind] - 1;
     const itn_context *context = &r->context;
     itn_mesh *mesh = &r->meshes[index];
     itn_image *image = &r->images[kind == ITN__LIGHT][index];
@@ -13058,7 +12820,7 @@ static void itn__load_file(itn__reader *r) {
     itn_error error = ITN_ZERO;
     itn_result result = ITN_OK;
     path.context = bytes.context = r->context;
-    for (k = 0; k < r->file_count && !file.name; k++)
+    for (int k = 0; k < r->file_count && !file.name; k++)
         if (strlen(r->files[k].name) == (size_t)r->length &&
             !memcmp(r->files[k].name, r->path, (size_t)r->length))
             file = r->files[k];
@@ -13081,9 +12843,8 @@ static const itn__form *itn__find_form(itn__reader *r) {
     itn__prose known = {list, sizeof list - 1, 0};
     const char *from = r->text.at;
     int k, kind = 0;
-    itn__text ahead;
     while (kind < ITN__KINDS && itn__accept(&r->text, itn__kinds[kind]) < 0) kind++;
-    ahead = r->text;
+    itn__text ahead = r->text;
     if (kind == ITN__SURFACE) /* its type stands somewhere behind its name */
         do ahead.at += itn__word_length(&ahead);
         while (!itn__line_done(&ahead) && itn__accept(&ahead, "type") < 0);
@@ -13106,7 +12867,7 @@ static const itn__form *itn__find_form(itn__reader *r) {
    or 0; a transform begins with the identity. */
 static void itn__read_item(itn__reader *r) {
     const itn__form *form = r->form = itn__find_form(r);
-    int k, kind = form ? form->kind : 0, index = r->count[kind]++;
+    int kind = form ? form->kind : 0, index = r->count[kind]++;
     itn_medium_desc *medium = &r->media[index];
     itn_surface_desc *surface = &r->surfaces[index];
     itn_object_desc *object = &r->objects[index];
@@ -13120,7 +12881,7 @@ static void itn__read_item(itn__reader *r) {
     memset(r->given, 0, sizeof r->given);
     if (kind == ITN__MEDIUM || kind == ITN__SURFACE) itn__read_name(r, r->item); /* it is first */
     if (kind == ITN__SURFACE) surface->type = (itn_surface_type)form->type;
-    for (k = 0; k < 3 && kind == ITN__OBJECT; k++) object->transform[5 * k] = 1;
+    for (int k = 0; k < 3 && kind == ITN__OBJECT; k++) object->transform[5 * k] = 1;
     if (kind == ITN__LIGHT) light->type = (itn_light_type)form->type;
     itn__read_fields(r), itn__end_fields(r);
     if (kind == ITN__MEDIUM) itn__end_medium(r, medium);
@@ -13166,21 +12927,19 @@ ITN_API itn_result itn_scene_from_memory(const void *bytes, size_t size, const c
                                          const itn_context *context, itn_scene **scene,
                                          itn_error *error) {
     itn_context own;
-    itn__reader *r;
-    int k;
     itn_result result = itn__context_check(context, &own, error);
     if (result) return result;
     if (!bytes || !scene || file_count < 0 || (file_count && !files) || size > ITN__MOST_TEXT)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_scene_from_memory: NULL argument, or more than %d bytes",
                          (int)ITN__MOST_TEXT);
-    r = ITN__NEW(itn__reader, &own, 1);
+    itn__reader *r = ITN__NEW(itn__reader, &own, 1);
     if (!r) return itn__out_of_memory(error, "a scene file");
     r->text = itn__text_make(bytes, size, name ? name : "scene"), r->text.error = error;
     r->context = own, r->files = files, r->file_count = file_count;
     result = itn__read_scene(r, scene);
-    for (k = 0; k < ITN__MOST_ITEMS; k++) itn_mesh_free(&r->meshes[k]);
-    for (k = 0; k < 2 * ITN__MOST_ITEMS; k++) itn_image_free(&r->images[k % 2][k / 2]);
+    for (int k = 0; k < ITN__MOST_ITEMS; k++) itn_mesh_free(&r->meshes[k]);
+    for (int k = 0; k < 2 * ITN__MOST_ITEMS; k++) itn_image_free(&r->images[k % 2][k / 2]);
     itn__free(&own, r);
     return result;
 }
