@@ -10785,15 +10785,13 @@ typedef struct itn__buffer {
 
 static void itn__buffer_free(itn__buffer *buffer) {
     itn__free(&buffer->context, buffer->bytes);
-    buffer->bytes = NULL;
-    buffer->size = buffer->capacity = 0;
+    buffer->bytes = NULL, buffer->size = buffer->capacity = 0;
 }
 
 /* Adds bytes; where they do not fit, there is at least twice as much room afterwards. */
 ITN__NOINLINE void itn__put(itn__buffer *buffer, const void *bytes, size_t size) {
     size_t capacity = buffer->capacity;
-    if (buffer->failed) return;
-    if (size >= capacity - buffer->size) { /* never full, so that even no bytes are somewhere */
+    if (!buffer->failed && size >= capacity - buffer->size) { /* never full: even none has room */
         capacity += size < capacity ? capacity : size + 1; /* each is at most SIZE_MAX / 2 */
         unsigned char *grown = (unsigned char *)itn__allocate(&buffer->context, capacity, 1);
         buffer->failed = !grown;
@@ -10802,6 +10800,7 @@ ITN__NOINLINE void itn__put(itn__buffer *buffer, const void *bytes, size_t size)
         itn__free(&buffer->context, buffer->bytes);
         buffer->bytes = grown, buffer->capacity = capacity;
     }
+    if (buffer->failed) return;
     memcpy(buffer->bytes + buffer->size, bytes, size);
     buffer->size += size;
 }
@@ -10819,22 +10818,21 @@ static ITN__UNUSED void itn__put_number(itn__buffer *buffer, uint64_t value, siz
     itn__put(buffer, bytes, size);
 }
 
-/* Floats; returns how many are not finite. */
+static float itn__float_of(uint32_t bits) {
+    float value;
+    memcpy(&value, &bits, 4);
+    return value;
+}
+/* Puts floats; returns how many are not finite. */
 static ITN__UNUSED size_t itn__put_floats(itn__buffer *buffer, const float *floats, size_t count) {
     size_t wrong = 0;
-    uint32_t bits;
     for (size_t i = 0; i < count; i++) {
+        uint32_t bits;
         memcpy(&bits, floats + i, 4);
         itn__put_number(buffer, bits, 4, 0);
         wrong += !itn__finite(floats[i]);
     }
     return wrong;
-}
-
-static float itn__float_of(uint32_t bits) {
-    float value;
-    memcpy(&value, &bits, 4);
-    return value;
 }
 
 typedef struct itn__text {
@@ -10845,20 +10843,19 @@ typedef struct itn__text {
     double number;
     itn_result result;
     itn_error *error;
+    const itn_context *context; /* of what is made of the file */
 } itn__text;
 
 static itn__text itn__text_make(const void *bytes, size_t size, const char *name) {
     itn__text text = ITN_ZERO;
-    text.at = text.start = (const char *)bytes;
-    text.end = text.at + size;
+    text.at = text.start = (const char *)bytes, text.end = text.at + size;
     text.name = name, text.line = 1;
     if (size >= 3 && !memcmp(bytes, "\xef\xbb\xbf", 3)) text.at += 3; /* a byte order mark */
     return text;
 }
 
 /* Fails with "name:line: ..." or "name: byte N: ...", and the part; the first failure counts. */
-static itn_result itn__text_fail(itn__text *text, itn_result code, const char *format, ...)
-    ITN__PRINTF(3, 4);
+ITN__PRINTF(3, 4)
 static itn_result itn__text_fail(itn__text *text, itn_result code, const char *format, ...) {
     itn_error unwanted, *error = text->error ? text->error : &unwanted;
     itn__prose prose = {error->message, sizeof error->message, 0};
@@ -10887,7 +10884,6 @@ ITN__NOINLINE const unsigned char *itn__take_bytes(itn__text *text, size_t size)
     text->at += size;
     return (const unsigned char *)bytes;
 }
-
 static uint64_t itn__take_number(itn__text *text, size_t size, int big) {
     const unsigned char *bytes = itn__take_bytes(text, size);
     return bytes ? itn__from_bytes(bytes, size, big) : 0;
@@ -10906,53 +10902,44 @@ static int itn__newline(const char *at, const char *end) {
     if (at == end || (*at != '\n' && *at != '\r')) return 0;
     return *at == '\r' && end - at > 1 && at[1] == '\n' ? 2 : 1;
 }
-
 /* The length of the blank at a place, which may be a line end that a backslash hides; else 0. */
 static int itn__blank(const char *at, const char *end) {
     int hidden = at < end && *at == '\\' ? itn__newline(at + 1, end) : 0;
     return hidden ? 1 + hidden : at < end && (*at == ' ' || *at == '\t');
 }
-
-static void itn__skip_blanks(itn__text *text) {
-    int length;
-    for (; (length = itn__blank(text->at, text->end)) > 0; text->at += length)
-        text->line += length > 1;
+/* The length of the word at a place: all up to a blank, a line end or the end. */
+static int itn__word_length(const itn__text *text) {
+    const char *at = text->at, *end = text->end;
+    if (end - at > INT_MAX - 1) end = at + INT_MAX - 1;
+    while (at < end && !itn__blank(at, text->end) && !itn__newline(at, text->end)) at++;
+    return (int)(at - text->at);
 }
 
+static void itn__skip_blanks(itn__text *text) {
+    for (int n; (n = itn__blank(text->at, text->end)) > 0; text->at += n) text->line += n > 1;
+}
 /* Whether only blanks or a comment are left on this line. */
 static int itn__line_done(itn__text *text) {
     itn__skip_blanks(text);
     return text->at == text->end || *text->at == '#' || itn__newline(text->at, text->end);
 }
-
 /* Goes to the start of the next line, or to the end. */
 static void itn__next_line(itn__text *text) {
     while (text->at < text->end && !itn__newline(text->at, text->end)) text->at++;
     text->line += text->at < text->end;
     text->at += itn__newline(text->at, text->end);
 }
-
 /* Skips blanks and line ends. */
 static void itn__skip_space(itn__text *text) {
     for (itn__skip_blanks(text); itn__newline(text->at, text->end); itn__skip_blanks(text))
         itn__next_line(text);
 }
 
-/* The length of the word at a place: all up to a blank, a line end or the end. */
-static int itn__word_length(const itn__text *text) {
-    const char *at = text->at;
-    while (at < text->end && at - text->at < INT_MAX - 1 && !itn__blank(at, text->end) &&
-           !itn__newline(at, text->end))
-        at++;
-    return (int)(at - text->at);
-}
-
 /* Skips blanks, then the next word if it is one of these, and says which; -1 if it is none. */
 static int itn__accept(itn__text *text, const char *words) {
-    int n;
     itn__skip_blanks(text);
     int length = itn__word_length(text);
-    for (int i = 0; *words; i++, words += n + (words[n] == ' ')) {
+    for (int i = 0, n; *words; i++, words += n + (words[n] == ' ')) {
         n = (int)strcspn(words, " ");
         if (n == length && !memcmp(text->at, words, (size_t)n)) return text->at += n, i;
     }
@@ -10962,10 +10949,10 @@ static int itn__accept(itn__text *text, const char *words) {
 /* Skips blanks and a word; returns the number that it is, or NaN. If it is `what`, and not NULL, it
    must be finite as a float. */
 static double itn__take_decimal(itn__text *text, const char *what) {
-    double value;
-    int length;
+    double value = 0;
     itn__skip_blanks(text);
-    length = itn__word_length(text), text->at += length;
+    int length = itn__word_length(text);
+    text->at += length;
     if (itn__parse_number(text->at - length, text->at, &value) != text->at) value = (double)NAN;
     if (what && !itn__finite((float)value))
         ITN__DAMAGED(text, "%s: '%.*s' is not a finite number", what, length < 40 ? length : 40,
@@ -10997,7 +10984,6 @@ static itn_result itn__read_file(const char *path, size_t limit, const itn_conte
                                  itn__buffer *buffer, itn_error *error) {
     char part[8192];
     size_t got = 1;
-    const char *cause = NULL;
     memset(buffer, 0, sizeof *buffer);
     itn_result result = itn__context_check(context, &buffer->context, error);
     if (result) return result;
@@ -11005,23 +10991,13 @@ static itn_result itn__read_file(const char *path, size_t limit, const itn_conte
     FILE *file = fopen(path, "rb");
     while (file && got && buffer->size <= limit && !buffer->failed)
         itn__put(buffer, part, got = fread(part, 1, sizeof part, file));
-    if (!file || ferror(file)) cause = strerror(errno);
-    else if (buffer->size > limit) cause = "it is too large";
+    const char *cause = !file || ferror(file)  ? strerror(errno)
+                        : buffer->size > limit ? "it is too large" : NULL;
     if (file) fclose(file);
-    if (!cause && !buffer->failed) return ITN_OK;
-    itn__buffer_free(buffer);
-    if (!cause) return itn__out_of_memory(error, path);
-    return itn__fail(error, ITN_ERROR_FILE, 0, "%s: cannot read: %s", path, cause);
-}
-
-/* Writes a file, waits for the disk and closes; returns 0, or errno. */
-static int itn__write_bytes(FILE *file, const void *bytes, size_t size) {
-    int cause = 0;
-    errno = EIO; /* unless the system knows better */
-    if (fwrite(bytes, 1, size, file) != size || fflush(file)) cause = errno;
-    else if (ITN__SYNC(file) && errno != EINVAL) cause = errno; /* EINVAL: it is no disk */
-    if (fclose(file) && !cause) cause = errno;
-    return cause;
+    if (buffer->failed) result = itn__out_of_memory(error, path);
+    if (cause) result = itn__fail(error, ITN_ERROR_FILE, 0, "%s: cannot read: %s", path, cause);
+    if (result) itn__buffer_free(buffer);
+    return result;
 }
 
 /* Gives a file the name of another, which it replaces; returns 0, or errno. `temporary`, its name
@@ -11056,9 +11032,15 @@ static itn_result itn__write_file(const char *path, itn__buffer *buffer, itn_err
         file = device ? fopen(path, "wb") : fopen(temporary, "wbx"); /* x: it must be new */
         cause = errno;
     }
-    if (file) cause = itn__write_bytes(file, buffer->bytes, buffer->size);
-    if (file && !cause && !device) cause = itn__replace_file(temporary, path);
-    if (file && cause && !device) remove(temporary);
+    if (file) {
+        errno = EIO; /* unless the system knows better; to sync what is no disk is EINVAL */
+        cause = fwrite(buffer->bytes, 1, buffer->size, file) == buffer->size && !fflush(file) &&
+                        (!ITN__SYNC(file) || errno == EINVAL)
+                    ? 0 : errno;
+        if (fclose(file) && !cause) cause = errno;
+        if (!cause && !device) cause = itn__replace_file(temporary, path);
+        if (cause && !device) remove(temporary);
+    }
     if (!result && cause)
         result = itn__fail(error, ITN_ERROR_FILE, 0, "%s: cannot write: %s", path, strerror(cause));
     itn__buffer_free(buffer);
@@ -11097,10 +11079,10 @@ static int itn__take_bits(itn__inflate *z, int count) {
     return value;
 }
 
-/* Makes a code from its lengths. Returns how many codes of 15 bits are left: 0 for a complete one,
-   negative if there are more codes than fit. */
+/* Makes a code from its lengths. Returns 0 if there are more codes than fit; where there are fewer,
+   bits that are none are found when they come. */
 static int itn__code_make(itn__code *code, const unsigned char *lengths, int symbols) {
-    int left = 1 << 15, made = 0;
+    int left = 1 << 15, made = 0; /* left: codes of 15 bits */
     for (int length = 1; length < 16; length++) {
         int before = made;
         for (int k = 0; k < symbols; k++)
@@ -11108,17 +11090,16 @@ static int itn__code_make(itn__code *code, const unsigned char *lengths, int sym
         code->count[length] = made - before;
         left -= code->count[length] << (15 - length);
     }
-    return left;
+    return left >= 0;
 }
 
 /* Returns the next symbol, or -1 where the bits are no code. */
 static int itn__take_symbol(itn__inflate *z, const itn__code *code) {
-    int value = 0, first = 0, index = 0;
-    for (int length = 1; length < 16; length++) { /* first: the first code of this length */
+    const int *symbols = code->symbols; /* those of this length */
+    for (int length = 1, value = 0; length < 16; length++) { /* value: less the first code */
         value = 2 * value + itn__take_bits(z, 1);
-        if (value - first < code->count[length]) return code->symbols[index + value - first];
-        index += code->count[length];
-        first = 2 * (first + code->count[length]);
+        if (value < code->count[length]) return symbols[value];
+        value -= code->count[length], symbols += code->count[length];
     }
     return -1;
 }
@@ -11132,6 +11113,34 @@ static int itn__inflate_stored(itn__inflate *z) {
     memcpy(z->out + z->size, bytes, length);
     z->size += length;
     return 1;
+}
+
+/* Makes the codes of a block. Fixed ones are known; others are given by their lengths, which are
+   Huffman coded themselves: 0-15 a length, 16 the last one 3-6 times, 17 and 18 runs of zeros. */
+static int itn__inflate_codes(itn__inflate *z, int fixed) {
+    static const unsigned char order[] = {16, 17, 18, 0, 8,  7, 9,  6, 10, 5,
+                                          11, 4,  12, 3, 13, 2, 14, 1, 15};
+    static const unsigned char least[] = {3, 3, 11}, bits[] = {2, 3, 7}; /* of 16, 17, 18 */
+    unsigned char lengths[288 + 32] = {0};
+    int literals = 288, total = literals + 30, i = 0;
+    if (fixed) {
+        for (; i < total; i++)
+            lengths[i] = i < 144 ? 8 : i < 256 ? 9 : i < 280 ? 7 : i < 288 ? 8 : 5;
+    } else {
+        literals = itn__take_bits(z, 5) + 257, total = literals + itn__take_bits(z, 5) + 1;
+        for (int k = 0, count = itn__take_bits(z, 4) + 4; k < count; k++)
+            lengths[order[k]] = (unsigned char)itn__take_bits(z, 3);
+        if (!itn__code_make(&z->literals, lengths, 19)) return 0;
+    }
+    while (i < total) {
+        int symbol = itn__take_symbol(z, &z->literals), value = symbol < 16 ? symbol : 0;
+        int repeat = symbol < 16 ? 1 : least[symbol - 16] + itn__take_bits(z, bits[symbol - 16]);
+        if (symbol == 16) value = i ? lengths[i - 1] : -1;
+        if (value < 0 || repeat > total - i) return 0;
+        while (repeat--) lengths[i++] = (unsigned char)value;
+    }
+    return total - literals < 31 && itn__code_make(&z->literals, lengths, literals) &&
+           itn__code_make(&z->distances, lengths + literals, total - literals);
 }
 
 /* Takes what stands for a length (symbols from 257 on) or a distance: with every 4 (or 2) symbols
@@ -11153,56 +11162,19 @@ static int itn__inflate_coded(itn__inflate *z) {
             back = itn__take_symbol(z, &z->distances);
             if (back >= 0) distance = 1 + itn__inflate_amount(z, back, 2);
         }
-        if (symbol < 0 || symbol > 285 || back < 0) return 0;
-        if (distance > z->size || length > z->capacity - z->size) return 0;
-        if (!distance) z->out[z->size++] = (unsigned char)symbol;
-        for (; distance && length; length--, z->size++)
-            z->out[z->size] = z->out[z->size - distance];
+        if (symbol < 0 || symbol > 285 || back < 0 || distance > z->size ||
+            length > z->capacity - z->size)
+            return 0;
+        for (; length; length--, z->size++)
+            z->out[z->size] = distance ? z->out[z->size - distance] : (unsigned char)symbol;
     }
-}
-
-/* Reads the codes of a block, given by their lengths, which are Huffman coded themselves: 0-15 a
-   length, 16 the last one 3-6 times, 17 and 18 runs of zeros. A distance code may be incomplete
-   only where it has no or one symbol. */
-static int itn__inflate_codes(itn__inflate *z) {
-    static const unsigned char order[] = {16, 17, 18, 0, 8,  7, 9,  6, 10, 5,
-                                          11, 4,  12, 3, 13, 2, 14, 1, 15};
-    static const unsigned char least[] = {3, 3, 11}, bits[] = {2, 3, 7}; /* of 16, 17, 18 */
-    unsigned char lengths[288 + 32] = {0};
-    int literals = itn__take_bits(z, 5) + 257, total = literals + itn__take_bits(z, 5) + 1;
-    int count = itn__take_bits(z, 4) + 4, used = 0;
-    for (int i = 0; i < count; i++) lengths[order[i]] = (unsigned char)itn__take_bits(z, 3);
-    if (itn__code_make(&z->literals, lengths, 19)) return 0;
-    for (int i = 0; i < total;) {
-        int symbol = itn__take_symbol(z, &z->literals), value = symbol < 16 ? symbol : 0;
-        int repeat = symbol < 16 ? 1 : least[symbol - 16] + itn__take_bits(z, bits[symbol - 16]);
-        if (symbol == 16) value = i ? lengths[i - 1] : -1;
-        if (value < 0 || repeat > total - i) return 0;
-        while (repeat--) lengths[i++] = (unsigned char)value;
-    }
-    for (int i = literals; i < total; i++) used += lengths[i] > 0;
-    int left = itn__code_make(&z->distances, lengths + literals, total - literals);
-    return !itn__code_make(&z->literals, lengths, literals) && literals < 287 && lengths[256] &&
-           total - literals < 31 && left >= 0 && (!left || used < 2);
-}
-
-/* The codes of blocks that do not transmit any. */
-static int itn__inflate_fixed(itn__inflate *z) {
-    unsigned char lengths[288];
-    memset(lengths, 8, 288), memset(lengths + 144, 9, 112), memset(lengths + 256, 7, 24);
-    itn__code_make(&z->literals, lengths, 288);
-    memset(lengths, 5, 30);
-    return itn__code_make(&z->distances, lengths, 30) > 0;
 }
 
 /* The Adler-32 sum of bytes behind others, of which it is `sum`; of none it is 1. */
 static uint32_t itn__adler32(uint32_t sum, const unsigned char *bytes, size_t size) {
     uint32_t a = sum & 0xffff, b = sum >> 16;
-    for (size_t i = 0; i < size; i++) {
-        a += bytes[i], b += a;
-        if (i % 5552 == 5551) a %= 65521, b %= 65521; /* before b may overflow */
-    }
-    return b % 65521 << 16 | a % 65521;
+    for (; size; size--) a = (a + *bytes++) % 65521, b = (b + a) % 65521;
+    return b << 16 | a;
 }
 
 /* Decompresses a zlib stream that must hold exactly `capacity` bytes. What is wrong fails the text;
@@ -11211,14 +11183,12 @@ static uint32_t itn__adler32(uint32_t sum, const unsigned char *bytes, size_t si
 static void itn__zlib_decode(itn__text *in, unsigned char *bytes, size_t capacity) {
     itn__inflate z = ITN_ZERO;
     unsigned head = (unsigned)itn__take_number(in, 2, 1);
-    int good = (head & 0x8f20) == 0x800 && head % 31 == 0, last = 0, type;
+    int good = (head & 0x8f20) == 0x800 && head % 31 == 0;
     z.in = in, z.out = bytes, z.capacity = capacity;
-    while (good && !last) {
+    for (int last = 0, type; good && !last;) {
         last = itn__take_bits(&z, 1), type = itn__take_bits(&z, 2);
-        if (!type) good = itn__inflate_stored(&z);
-        else
-            good = type < 3 && (type == 1 ? itn__inflate_fixed(&z) : itn__inflate_codes(&z)) &&
-                   itn__inflate_coded(&z);
+        good = type ? type < 3 && itn__inflate_codes(&z, type == 1) && itn__inflate_coded(&z)
+                    : itn__inflate_stored(&z);
     }
     if (!good || z.size != capacity)
         ITN__DAMAGED(in, "not the zlib data of %.0f bytes", (double)capacity);
@@ -11227,6 +11197,20 @@ static void itn__zlib_decode(itn__text *in, unsigned char *bytes, size_t capacit
 }
 
 /* ---- [images] EXR, PFM and PNG files; photos ------------------------------------------------- */
+
+static float *itn__pixel(const itn_image *image, int plane, int row, int x) {
+    size_t line = (size_t)plane * (size_t)image->height + (size_t)row;
+    return image->pixels + line * (size_t)image->width + (size_t)x;
+}
+
+/* Makes the image of a file. Returns 0 if that failed, or something before it. */
+static int itn__begin_image(itn__text *text, int64_t width, int64_t height, int planes,
+                            itn_image *image) {
+    if (!text->result)
+        text->result = itn_image_create((int)width, (int)height, planes, text->context, image,
+                                        text->error);
+    return !text->result;
+}
 
 /* An EXR file of one part of scan lines (OpenEXR's "File Layout" document): magic number, version
    and flags, attributes (name, type, size, value) up to an empty name, a table of the blocks'
@@ -11239,15 +11223,15 @@ static void itn__zlib_decode(itn__text *in, unsigned char *bytes, size_t capacit
    is stored is the data window; the image is the display window, 0 where there are no data. */
 
 enum { ITN__EXR_LONG_NAMES = 0x400, ITN__EXR_CHANNELS = 1024 };
-enum { ITN__EXR_UINT = 0, ITN__EXR_HALF, ITN__EXR_FLOAT };
-enum { ITN__EXR_NONE = 0, ITN__EXR_RLE, ITN__EXR_ZIPS, ITN__EXR_ZIP };
+enum { ITN__EXR_UINT, ITN__EXR_HALF, ITN__EXR_FLOAT };
+enum { ITN__EXR_NONE, ITN__EXR_RLE, ITN__EXR_ZIPS, ITN__EXR_ZIP };
 
 typedef struct itn__exr_box { int64_t x, y, width, height; } itn__exr_box;
 
 typedef struct itn__exr {
     itn__text *text;
     const char *names[ITN__EXR_CHANNELS]; /* in the file's bytes */
-    uint32_t types[ITN__EXR_CHANNELS];
+    unsigned char types[ITN__EXR_CHANNELS];
     int channels, compression;
     itn__exr_box data, display;
     int64_t lines; /* of a block */
@@ -11266,18 +11250,18 @@ static const char *itn__take_string(itn__text *text) {
 /* Reads the channel list: for each a name, then its type, 4 bytes of hints, x and y sampling. */
 static void itn__exr_channel_list(itn__exr *exr, itn__text *text) {
     const char *name;
-    int known;
     for (int n = 0; *(name = itn__take_string(text)) && !text->result; exr->channels = ++n) {
         uint64_t type = itn__take_number(text, 8, 0) & 0xffffffff;
         uint64_t sampling = itn__take_number(text, 8, 0);
-        for (int i = known = 0; i < n; i++) known += !strcmp(name, exr->names[i]);
-        if (known || type > ITN__EXR_FLOAT)
+        int wrong = type > ITN__EXR_FLOAT;
+        for (int i = 0; i < n; i++) wrong |= !strcmp(name, exr->names[i]);
+        if (wrong)
             ITN__DAMAGED(text, "EXR channel '%.63s' is there twice, or has no valid type", name);
         if (n == ITN__EXR_CHANNELS || strlen(name) >= ITN_NAME_SIZE || sampling != 0x100000001)
             ITN__UNSUPPORTED(text, "EXR channel '%.63s' cannot be read: it is the 1025th, has a "
                              "name of over 63 characters, or is subsampled", name);
         if (text->result) return;
-        exr->names[n] = name, exr->types[n] = (uint32_t)type;
+        exr->names[n] = name, exr->types[n] = (unsigned char)type;
         exr->line += type == ITN__EXR_HALF ? 2 : 4;
     }
 }
@@ -11288,6 +11272,8 @@ static itn__exr_box itn__exr_take_box(itn__text *text) {
     w.x = (int32_t)itn__take_u32(text), w.y = (int32_t)itn__take_u32(text);
     w.width = (int32_t)itn__take_u32(text) - w.x + 1;
     w.height = (int32_t)itn__take_u32(text) - w.y + 1;
+    if (w.width < 1 || w.width > INT_MAX || w.height < 1 || w.height > INT_MAX)
+        ITN__DAMAGED(text, "EXR window has no valid size");
     return w;
 }
 
@@ -11310,124 +11296,84 @@ static void itn__exr_header(itn__exr *exr) {
         if (!strcmp(name, "displayWindow")) *display = itn__exr_take_box(&value);
         text->result = value.result;
     }
-    if (display->width < 1) *display = *data;
-    double pixels = (double)data->width * (double)data->height;
-    double shown = (double)display->width * (double)display->height;
+    if (!display->width) *display = *data;
     if (exr->compression > ITN__EXR_ZIP)
         ITN__UNSUPPORTED(text, "EXR compression %d (4 is PIZ, from 6 on B44, DWA)",
                          exr->compression);
-    if (!exr->channels || exr->compression < 0 || data->width < 1 || data->width > INT_MAX ||
-        data->height < 1 || data->height > INT_MAX || display->width > INT_MAX ||
-        display->height < 1 || display->height > INT_MAX || shown > 256 * pixels)
-        ITN__DAMAGED(text, "EXR header lacks channels, compression or windows of valid size");
-    if ((double)exr->line * (double)data->width > (double)(SIZE_MAX / 64) ||
-        (double)exr->line * pixels > (exr->compression ? 1032 : 1) * (double)(text->end - text->at))
-        ITN__DAMAGED(text, "EXR data window is larger than the data: cut off or damaged");
+    if (!exr->channels || exr->compression < 0 || !data->width)
+        ITN__DAMAGED(text, "EXR header lacks channels, compression or data window");
+    double pixels = (double)(data->width * data->height), most = (double)(SIZE_MAX / 4);
+    most = fmin(most, (exr->compression ? 1032 : 1) * (double)(text->end - text->at));
+    if ((double)exr->line * pixels > most ||
+        (double)(display->width * display->height) > 256 * pixels)
+        ITN__DAMAGED(text, "EXR windows are larger than the data: cut off or damaged");
     exr->line *= (size_t)data->width, exr->lines = exr->compression == ITN__EXR_ZIP ? 16 : 1;
+    if (exr->lines > data->height) exr->lines = data->height;
 }
 
-/* Undoes run lengths: a count n < 128 repeats the next byte n + 1 times, others copy 256 - n. */
-static void itn__exr_unpack_runs(itn__text *in, unsigned char *bytes, size_t capacity) {
-    size_t made = 0, length;
-    for (; in->at < in->end; made += length) {
+/* Decompresses a block of `size` bytes to behind these. Run lengths are a count n < 128, and then a
+   byte for n + 1, or (others) 256 - n bytes. */
+static void itn__exr_unpack(const itn__exr *exr, itn__text *in, unsigned char *coded, size_t size) {
+    int runs = exr->compression == ITN__EXR_RLE;
+    if (!runs) itn__zlib_decode(in, coded, size);
+    for (size_t made = 0, length; runs && made < size && !in->result; made += length) {
         size_t n = itn__take_number(in, 1, 0);
         length = n < 128 ? n + 1 : 256 - n;
         const unsigned char *run = itn__take_bytes(in, n < 128 ? 1 : length);
-        if (length > capacity - made) ITN__DAMAGED(in, "more data than expected");
-        if (in->result) return;
-        if (n < 128) memset(bytes + made, *run, length);
-        else memcpy(bytes + made, run, length);
+        if (length > size - made) ITN__DAMAGED(in, "more data than expected");
+        for (size_t k = 0; k < length && !in->result; k++) coded[made + k] = run[n < 128 ? 0 : k];
     }
-    if (made < capacity) ITN__DAMAGED(in, "less data than expected");
-}
-
-/* Sums the differences up and interleaves the halves. */
-static void itn__exr_unpredict(unsigned char *coded, unsigned char *bytes, size_t size) {
-    size_t half = (size + 1) / 2;
-    for (size_t i = 1; i < size; i++)
+    for (size_t i = 1; i < size; i++) /* adds the differences up, and interleaves the halves */
         coded[i] = (unsigned char)((coded[i - 1] + coded[i] - 128) & 255);
-    for (size_t i = 0; i < size; i++) bytes[i] = coded[i / 2 + (i & 1 ? half : 0)];
+    for (size_t i = 0; i < size; i++) coded[size + i] = coded[i / 2 + (i & 1 ? (size + 1) / 2 : 0)];
 }
 
-/* The float equal to a half (1 sign, 5 exponent, 10 mantissa bits; bias 15). */
+/* The float equal to a half (1 sign, 5 exponent, 10 mantissa bits; bias 15, a float's is 127). */
 static float itn__half_to_float(uint32_t bits) {
-    int exponent = bits >> 10 & 31, mantissa = bits & 1023;
-    float size = exponent == 31 ? (float)(mantissa ? NAN : INFINITY)
-                 : exponent     ? ldexpf((float)(1024 + mantissa), exponent - 25)
-                                : ldexpf((float)mantissa, -24);
-    return bits & 0x8000 ? -size : size;
+    uint32_t size = (bits & 0x7fff) << 13; /* from exponent 31 on infinity or NaN */
+    float value = size >> 23 == 31 ? itn__float_of(size | 0x7f800000)
+                                   : ldexpf(itn__float_of(size), 112);
+    return bits & 0x8000 ? -value : value;
 }
 
-/* Makes the image of a file. Returns 0 if that failed, or something before it. */
-static int itn__begin_image(itn__text *text, int64_t width, int64_t height, int planes,
-                            const itn_context *context, itn_image *image) {
-    if (!text->result)
-        text->result = itn_image_create((int)width, (int)height, planes, context, image,
-                                        text->error);
-    return !text->result;
-}
-
-static float *itn__pixel(const itn_image *image, int plane, int row, int x) {
-    size_t line = (size_t)plane * (size_t)image->height + (size_t)row;
-    return image->pixels + line * (size_t)image->width + (size_t)x;
-}
-
-/* Spreads the lines of a block, from that row of the data window on, over the image's planes. */
-static void itn__exr_lines(const itn__exr *exr, const unsigned char *data, int64_t row, int64_t end,
-                           itn_image *image) {
-    int64_t left = exr->data.x - exr->display.x;
-    for (; row < end; row++)
+/* Reads one block, and spreads its lines over the image's planes. */
+static void itn__exr_block(itn__exr *exr, itn_image *image) {
+    itn__text *text = exr->text, in = *text;
+    int64_t row = (int32_t)itn__take_u32(text) - exr->data.y;
+    int64_t end = row + exr->lines < exr->data.height ? row + exr->lines : exr->data.height;
+    size_t size = itn__take_u32(text), raw = exr->line * (size_t)(end - row);
+    unsigned char *coded = exr->scratch;
+    const unsigned char *data = coded + raw;
+    if (row < 0 || row >= end || row % exr->lines || exr->seen[row / exr->lines]++)
+        text->at = in.at, ITN__DAMAGED(text, "is none, or is there twice");
+    if (text->result) return;
+    in = itn__take_part(text, size);
+    if (exr->compression == ITN__EXR_NONE || size >= raw) data = itn__take_bytes(&in, raw);
+    else itn__exr_unpack(exr, &in, coded, raw);
+    if (in.at < in.end) ITN__DAMAGED(&in, "more data than expected");
+    text->result = in.result;
+    for (; row < end && !in.result; row++)
         for (int i = 0; i < exr->channels; i++) {
-            uint32_t type = exr->types[i], size = type == ITN__EXR_HALF ? 2 : 4;
-            for (int64_t x = left; x < left + exr->data.width; x++, data += size) {
-                uint32_t bits = (uint32_t)itn__from_bytes(data, size, 0);
-                int64_t y = row + exr->data.y - exr->display.y;
-                if (y < 0 || y >= image->height || x < 0 || x >= image->width) continue;
+            unsigned type = exr->types[i], bytes = type == ITN__EXR_HALF ? 2 : 4;
+            int64_t x = exr->data.x - exr->display.x, y = row + exr->data.y - exr->display.y;
+            for (int64_t k = 0; k < exr->data.width; k++, x++, data += bytes) {
+                uint32_t bits = (uint32_t)itn__from_bytes(data, bytes, 0);
+                if (x < 0 || x >= image->width || y < 0 || y >= image->height) continue;
                 *itn__pixel(image, i, (int)y, (int)x) =
                     type == ITN__EXR_FLOAT  ? itn__float_of(bits)
-                    : type == ITN__EXR_HALF ? itn__half_to_float(bits)
-                                            : (float)bits;
+                    : type == ITN__EXR_HALF ? itn__half_to_float(bits) : (float)bits;
             }
         }
 }
 
-/* Reads one block. */
-static void itn__exr_block(itn__exr *exr, itn_image *image) {
-    itn__text *text = exr->text, in = *text;
-    int64_t row = (int32_t)itn__take_u32(text) - exr->data.y;
-    int64_t lines = exr->data.height - row < exr->lines ? exr->data.height - row : exr->lines;
-    size_t size = itn__take_u32(text), raw = exr->line * (size_t)lines;
-    unsigned char *coded = exr->scratch;
-    const unsigned char *data = coded + raw;
-    if (text->result) return;
-    if (row < 0 || lines < 1 || row % exr->lines || exr->seen[row / exr->lines]++)
-        text->at = in.at, ITN__DAMAGED(text, "is none, or is there twice");
-    if (text->result) return;
-    in = itn__take_part(text, size);
-    if (size >= raw || exr->compression == ITN__EXR_NONE) {
-        data = itn__take_bytes(&in, raw);
-        if (size > raw) ITN__DAMAGED(&in, "more data than expected");
-    } else {
-        if (exr->compression == ITN__EXR_RLE) itn__exr_unpack_runs(&in, coded, raw);
-        else itn__zlib_decode(&in, coded, raw);
-        itn__exr_unpredict(coded, coded + raw, raw);
-    }
-    text->result = in.result;
-    if (!in.result) itn__exr_lines(exr, data, row, row + lines, image);
-}
-
-static ITN__COLD void itn__exr_decode(itn__text *text, const itn_context *context,
-                                      itn_image *image) {
+static ITN__COLD void itn__exr_decode(itn__text *text, itn_image *image) {
     itn__exr exr = ITN_ZERO;
     exr.text = text, text->line = 0;
     itn__exr_header(&exr);
-    if (!itn__begin_image(text, exr.display.width, exr.display.height, exr.channels, context,
-                          image))
-        return;
+    if (!itn__begin_image(text, exr.display.width, exr.display.height, exr.channels, image)) return;
     for (int i = 0; i < exr.channels; i++) itn__copy_name(image->names[i], exr.names[i]);
     size_t blocks = (size_t)((exr.data.height - 1) / exr.lines + 1);
-    size_t lines = (size_t)(blocks > 1 ? exr.lines : exr.data.height);
-    exr.seen = (unsigned char *)itn__allocate(&image->context, 2 * exr.line * lines + blocks, 1);
+    exr.seen = ITN__NEW(unsigned char, &image->context, 2 * exr.line * (size_t)exr.lines + blocks);
     if (exr.seen) exr.scratch = exr.seen + blocks;
     else itn__text_fail(text, ITN_ERROR_MEMORY, "out of memory");
     itn__take_bytes(text, 8 * blocks); /* the table */
@@ -11440,33 +11386,29 @@ static ITN__COLD void itn__exr_decode(itn__text *text, const itn_context *contex
 /* PFM: "PF" (three channels) or "Pf" (one), width, height and scale as text, one white space
    character, then floats, the lowest row first; a negative scale says little-endian, and its size
    is what the numbers are in units of (P. Debevec). */
-static void itn__pfm_decode(itn__text *text, int channels, const itn_context *context,
-                            itn_image *image) {
+static void itn__pfm_decode(itn__text *text, int channels, itn_image *image) {
     static const char *const what[] = {"PFM width", "PFM height", "PFM scale"};
     double header[3];
     for (int k = 0; k < 3; k++) {
         itn__skip_space(text); /* line ends count as blanks */
-        header[k] = itn__take_decimal(text, what[k]);
-        if (k < 2 ? !(header[k] >= 1 && header[k] < 1e9 && header[k] == floor(header[k]))
-                  : (float)header[k] == 0)
-            ITN__DAMAGED(text, "%s is %g", what[k], header[k]);
+        double x = header[k] = itn__take_decimal(text, what[k]);
+        if (k < 2 ? !(x >= 1 && x < 1e9 && x == floor(x)) : (float)x == 0)
+            ITN__DAMAGED(text, "%s is %g", what[k], x);
     }
-    double needed = header[0] * header[1] * channels * 4;
+    double needed = header[0] * header[1] * channels * 4, scale = fabs(header[2]);
     double left = (double)(text->end - text->at) - needed;
     /* the one white space character, or two, of a file that was written as text on Windows */
     if (left != 1 && !(left == 2 && itn__newline(text->at, text->end) == 2))
         ITN__DAMAGED(text, "PFM has %.0f bytes of pixels, needs %.0f", needed + left - 1, needed);
-    if (!itn__begin_image(text, (int64_t)header[0], (int64_t)header[1], channels, context, image))
-        return;
+    if (!itn__begin_image(text, (int64_t)header[0], (int64_t)header[1], channels, image)) return;
     const unsigned char *bytes = (const unsigned char *)text->at + (int)left;
     for (int k = 0; k < channels; k++) image->names[k][0] = "YRGB"[k + channels / 3];
     for (int row = image->height - 1; row >= 0; row--)
-        for (int x = 0; x < image->width; x++)
-            for (int k = 0; k < channels; k++, bytes += 4) {
-                float *pixel = itn__pixel(image, k, row, x);
-                *pixel = itn__float_of((uint32_t)itn__from_bytes(bytes, 4, header[2] > 0));
-                if (fabs(header[2]) != 1) *pixel *= (float)fabs(header[2]);
-            }
+        for (int i = 0; i < image->width * channels; i++, bytes += 4) {
+            float value = itn__float_of((uint32_t)itn__from_bytes(bytes, 4, header[2] > 0));
+            *itn__pixel(image, i % channels, row, i / channels) =
+                scale == 1 ? value : value * (float)scale;
+        }
 }
 
 /* A PNG file (ISO/IEC 15948) is a signature and chunks: length, type, data, and the CRC-32 of type
@@ -11481,7 +11423,6 @@ enum { ITN__IEND = 0x49454e44, ITN__TRNS = 0x74524e53, ITN__GAMA = 0x67414d41 };
 enum { ITN__PNG_PALETTE = 3 };
 
 typedef struct itn__png {
-    itn__text *text;
     int width, height, depth;
     int type;    /* 0 grey, 2 RGB, 3 palette, 4 grey and alpha, 6 RGB and alpha */
     int samples; /* of a pixel in the file; alpha, colours: of one of the image */
@@ -11501,12 +11442,11 @@ static double itn__encode(double light, double gamma) {
     return light <= .0031308 ? 12.92 * light : 1.055 * pow(light, 1 / 2.4) - .055;
 }
 
-/* CRC-32, of the reflected polynomial edb88320. */
+/* CRC-32: the rest of a division by the reflected polynomial edb88320, bit by bit. */
 static uint32_t itn__crc32(const unsigned char *bytes, size_t size) {
     uint32_t crc = 0xffffffffu;
-    int k;
-    for (; size; size--, bytes++)
-        for (crc ^= *bytes, k = 0; k < 8; k++) crc = crc >> 1 ^ (crc & 1 ? 0xedb88320u : 0);
+    for (uint64_t i = 0; i < 8 * (uint64_t)size; i++)
+        crc = crc >> 1 ^ ((crc ^ (uint32_t)bytes[i / 8] >> i % 8) & 1 ? 0xedb88320u : 0);
     return ~crc;
 }
 
@@ -11523,12 +11463,11 @@ static void itn__png_header(itn__png *png, itn__text *in) {
     png->samples = png->type == ITN__PNG_PALETTE ? 1 : png->colours + png->alpha;
 }
 
-static void itn__png_chunk(itn__png *png) {
-    itn__text *text = png->text, in;
+static void itn__png_chunk(itn__text *text, itn__png *png) {
     size_t size = itn__take_number(text, 4, 1) & INT_MAX;
-    const unsigned char *start = (const unsigned char *)text->at, *data = start + 4;
-    int type;
-    in = itn__take_part(text, size + 4), type = (int)itn__take_number(&in, 4, 1);
+    itn__text in = itn__take_part(text, size + 4);
+    const unsigned char *start = (const unsigned char *)in.at, *data = start + 4;
+    int type = (int)itn__take_number(&in, 4, 1);
     if (!in.result && itn__take_number(text, 4, 1) != itn__crc32(start, size + 4))
         ITN__DAMAGED(&in, "checksum is wrong");
     if (!in.result && (type == ITN__IHDR) != !png->depth)
@@ -11559,16 +11498,15 @@ static void itn__png_chunk(itn__png *png) {
     text->result = in.result;
 }
 
-/* Undoes the filter of a row, whose pixels begin `step` bytes apart. */
-static void itn__png_unfilter(unsigned char *row, const unsigned char *above, size_t size,
-                              size_t step, int filter) {
-    for (size_t i = 0; i < size; i++) {
-        int a = i < step ? 0 : row[i - step], b = above ? above[i] : 0;
-        int c = above && i >= step ? above[i - step] : 0, to[5] = {0, a, b, (a + b) / 2, c};
+/* Undoes the filter of a row that stands behind another; pixels begin `step` bytes apart. */
+static void itn__png_unfilter(unsigned char *row, size_t line, size_t step) {
+    for (size_t i = 1; i < line; i++) {
+        int a = i > step ? row[i - step] : 0, b = *(row + i - line);
+        int c = i > step ? *(row + i - step - line) : 0;
         int off_a = abs(b - c), off_b = abs(a - c), off_c = abs(a + b - 2 * c);
-        if (off_a <= off_b && off_a <= off_c) to[4] = a;
-        else if (off_b <= off_c) to[4] = b;
-        row[i] = (unsigned char)((row[i] + to[filter]) & 255);
+        int paeth = off_a <= off_b && off_a <= off_c ? a : off_b <= off_c ? b : c;
+        int to[5] = {0, a, b, (a + b) / 2, paeth};
+        row[i] = (unsigned char)((row[i] + to[*row]) & 255);
     }
 }
 
@@ -11578,54 +11516,53 @@ static unsigned itn__png_code(const unsigned char *row, size_t k, size_t depth) 
     return depth < 8 ? code >> (8 - depth - k * depth % 8) & ((1u << depth) - 1) : code;
 }
 
-/* Decompresses the rows into an image: colours by the curve, alpha as it is. */
-static void itn__png_rows(itn__png *png, size_t line, itn_image *image) {
-    itn__text *text = png->text, in = itn__text_make(png->data.bytes, png->data.size, text->name);
-    size_t size = line * (size_t)png->height, step = (size_t)(png->depth * png->samples + 7) / 8;
-    unsigned char *rows = ITN__NEW(unsigned char, &image->context, size), *row, *above = NULL;
-    float *light = ITN__NEW(float, &image->context, image->codes + 1);
-    int palette = png->type == ITN__PNG_PALETTE, y;
+/* Decompresses the rows, behind one of zeros, to an image: colours by the curve, whose values are
+   kept once they are known, alpha as it is. */
+static void itn__png_rows(itn__text *text, const itn__png *png, itn_image *image) {
+    itn__text in = itn__text_make(png->data.bytes, png->data.size, text->name);
+    size_t samples = (size_t)png->samples, depth = (size_t)png->depth, bits = depth * samples;
+    size_t line = ((size_t)png->width * bits + 7) / 8 + 1;
+    int palette = png->type == ITN__PNG_PALETTE;
+    if ((double)line * png->height > 1032 * (double)png->data.size || line > INT_MAX)
+        ITN__DAMAGED(text, "more pixels than the data hold: cut off or damaged");
+    if (!itn__begin_image(text, png->width, png->height, png->colours + png->alpha, image)) return;
+    for (int k = 0; k < image->plane_count; k++)
+        image->names[k][0] = k == png->colours ? 'A' : "YRGB"[k + png->colours / 3];
+    image->gamma = png->gamma, image->codes = palette ? 255 : (1 << depth) - 1;
+    size_t size = line * (size_t)png->height, codes = (size_t)image->codes + 1;
+    float *light = (float *)itn__allocate(&image->context, codes * sizeof *light + line + size, 1);
+    unsigned char *row = (unsigned char *)(light + codes) + line;
     in.error = text->error, in.line = 0, in.part = text->part = "PNG pixels";
-    if (!rows || !light) itn__text_fail(&in, ITN_ERROR_MEMORY, "out of memory");
-    else itn__zlib_decode(&in, rows, size);
+    if (!light) itn__text_fail(&in, ITN_ERROR_MEMORY, "out of memory");
+    else itn__zlib_decode(&in, row, size);
     text->result = in.result;
-    for (y = 0, row = rows; y < png->height && !text->result; y++, above = row + 1, row += line) {
+    for (int y = 0; y < png->height && !text->result; y++, row += line) {
         if (*row > 4) ITN__DAMAGED(text, "row %d has filter %d", y, *row);
-        else itn__png_unfilter(row + 1, above, line - 1, step, *row);
+        else itn__png_unfilter(row, line, (bits + 7) / 8);
         for (int x = 0; x < png->width; x++)
             for (int k = 0; k < image->plane_count; k++) {
-                size_t first = (size_t)x * (size_t)png->samples, depth = (size_t)png->depth;
-                unsigned code = itn__png_code(row + 1, palette ? first : first + (size_t)k, depth);
+                size_t sample = (size_t)x * samples + (palette ? 0 : (size_t)k);
+                unsigned code = itn__png_code(row + 1, sample, depth);
                 if (palette) code = png->palette[code][k];
                 double value = (double)code / image->codes;
-                if (!light[code] && k < png->colours) /* not known yet */
+                if (light[code] == 0 && k < png->colours)
                     light[code] = (float)itn__decode(value, (double)image->gamma);
                 *itn__pixel(image, k, y, x) = k < png->colours ? light[code] : (float)value;
             }
     }
-    itn__free(&image->context, light), itn__free(&image->context, rows);
+    itn__free(&image->context, light);
 }
 
-static ITN__COLD void itn__png_decode(itn__text *text, const itn_context *context,
-                                      itn_image *image) {
+static ITN__COLD void itn__png_decode(itn__text *text, itn_image *image) {
     itn__png png = ITN_ZERO;
-    png.text = text, text->line = 0;
+    text->line = 0;
     memset(png.palette, 255, sizeof png.palette);
-    text->result = itn__context_check(context, &png.data.context, text->error);
+    text->result = itn__context_check(text->context, &png.data.context, text->error);
     itn__take_bytes(text, 8); /* the signature */
     text->part = "PNG chunk";
-    for (; !png.ended && !text->result; text->number++) itn__png_chunk(&png);
+    for (; !png.ended && !text->result; text->number++) itn__png_chunk(text, &png);
     if (png.data.failed) itn__text_fail(text, ITN_ERROR_MEMORY, "out of memory");
-    size_t line = ((size_t)png.width * (size_t)(png.depth * png.samples) + 7) / 8 + 1;
-    if ((double)line * png.height > 1032 * (double)png.data.size || line > INT_MAX)
-        ITN__DAMAGED(text, "more pixels than the data hold: cut off or damaged");
-    if (itn__begin_image(text, png.width, png.height, png.colours + png.alpha, context, image)) {
-        for (int k = 0; k < image->plane_count; k++)
-            image->names[k][0] = k == png.colours ? 'A' : "YRGB"[k + png.colours / 3];
-        image->codes = png.type == ITN__PNG_PALETTE ? 255 : (1 << png.depth) - 1;
-        image->gamma = png.gamma;
-        itn__png_rows(&png, line, image);
-    }
+    itn__png_rows(text, &png, image);
     itn__buffer_free(&png.data);
 }
 
@@ -11634,37 +11571,33 @@ static ITN__COLD void itn__png_decode(itn__text *text, const itn_context *contex
 static itn_result itn__fail_format(const void *bytes, size_t size, const char *name,
                                    const char *wanted, itn_error *error) {
     static const char *const known[][2] = {
-        {"\xff\xd8\xff", "a JPEG picture"}, {"#?R", "a Radiance picture"},
-        {"II*", "a TIFF or raw picture"},   {"MM", "a TIFF or raw picture"},
-        {"....ftyp", "a HEIC picture"},     {"RIFF....WEBP", "a WebP picture"},
-        {"\x1f\x8b", "packed by gzip"},     {"solid", "an STL mesh"}};
-    const char *at = (const char *)bytes, *what = NULL;
-    size_t k;
-    for (size_t i = 0; i < sizeof known / sizeof *known; i++) {
+        {"\xff\xd8\xff", "a JPEG picture, "}, {"#?R", "a Radiance picture, "},
+        {"II*", "a TIFF or raw picture, "},   {"MM", "a TIFF or raw picture, "},
+        {"....ftyp", "a HEIC picture, "},     {"RIFF....WEBP", "a WebP picture, "},
+        {"\x1f\x8b", "packed by gzip, "},     {"solid", "an STL mesh, "}};
+    const unsigned char *at = (const unsigned char *)bytes;
+    const char *what = "";
+    for (size_t i = 0, k; i < sizeof known / sizeof *known; i++) {
         const char *start = known[i][0];
-        for (k = 0; k < size && start[k] && (start[k] == '.' || start[k] == at[k]);) k++;
+        for (k = 0; k < size && start[k] && (start[k] == '.' || start[k] == (char)at[k]);) k++;
         if (!start[k]) what = known[i][1];
     }
-    if (size >= 84 && size == 84 + 50 * itn__from_bytes((const unsigned char *)at + 80, 4, 0))
-        what = "an STL mesh";
-    return itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: is %s%snot %s", name, what ? what : "",
-                     what ? ", " : "", wanted);
+    if (size >= 84 && size == 84 + 50 * itn__from_bytes(at + 80, 4, 0)) what = known[7][1];
+    return itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: is %snot %s", name, what, wanted);
 }
 
 ITN_API itn_result itn_image_from_memory(const void *bytes, size_t size, const char *name,
                                          const itn_context *context, itn_image *image,
                                          itn_error *error) {
     itn_image made = ITN_ZERO;
-    int kind;
     if (!bytes || !image)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_image_from_memory: NULL argument");
     itn__text text = itn__text_make(bytes, size, name ? name : "image");
-    text.error = error, kind = itn__accept(&text, "Pf PF");
-    if (kind >= 0) itn__pfm_decode(&text, kind ? 3 : 1, context, &made);
-    else if (size >= 4 && !memcmp(bytes, "\x76\x2f\x31\x01", 4))
-        itn__exr_decode(&text, context, &made);
-    else if (size >= 8 && !memcmp(bytes, "\x89PNG\r\n\x1a\n", 8))
-        itn__png_decode(&text, context, &made);
+    text.error = error, text.context = context;
+    int kind = itn__accept(&text, "Pf PF");
+    if (kind >= 0) itn__pfm_decode(&text, kind ? 3 : 1, &made);
+    else if (size >= 4 && !memcmp(bytes, "\x76\x2f\x31\x01", 4)) itn__exr_decode(&text, &made);
+    else if (size >= 8 && !memcmp(bytes, "\x89PNG\r\n\x1a\n", 8)) itn__png_decode(&text, &made);
     else
         text.result = itn__fail_format(bytes, size, text.name, "an EXR, PFM or PNG picture: "
                                        "convert it (magick photo.jpg photo.png)", error);
@@ -11685,16 +11618,15 @@ typedef struct itn__photo {
     itn_film_desc film;
     itn_photo_report report;
     const float *planes[6], *alpha, *mask; /* colours, and their variances; NULL: there is none */
-    int colours;     /* 1 or 3 */
-    int stated;      /* whether anything says what the noise is */
-    int known;       /* whether a variance is not 0 */
-    double count;    /* of pixels that a film pixel covers */
-    double means[6]; /* of the film pixel at hand: of its channels, and of their variances */
-    size_t bad;      /* a pixel that counts and is not valid, from 1 */
+    int colours;       /* 1 or 3 */
+    int stated, known; /* whether anything says what the noise is; whether a variance is not 0 */
+    double means[6];   /* of the film pixel at hand: of its channels, and of their variances */
+    itn_result result;
+    itn_error *error;
 } itn__photo;
 
-static const char *const itn__photo_planes[2][6] = {
-    {"Y", "", "", "Variance.Y", "", ""}, {"R", "G", "B", "Variance.R", "Variance.G", "Variance.B"}};
+static const char *const itn__photo_names[2][6] = {
+    {"Y", "Variance.Y"}, {"R", "G", "B", "Variance.R", "Variance.G", "Variance.B"}};
 
 /* Finds the planes and what the defaults are. Returns NULL, or what is wrong. */
 static const char *itn__photo_begin(itn__photo *photo) {
@@ -11702,43 +11634,42 @@ static const char *itn__photo_begin(itn__photo *photo) {
     const itn_film_desc *film = &photo->film;
     itn_photo_desc *d = &photo->desc;
     const float *planes[3];
-    double shape = (double)film->width / film->height;
-    if (!d->crop_width) d->crop_width = image->width - d->crop_x;
-    if (!d->crop_height) d->crop_height = image->height - d->crop_y;
+    if (d->crop_x >= 0 && !d->crop_width) d->crop_width = image->width - d->crop_x;
+    if (d->crop_y >= 0 && !d->crop_height) d->crop_height = image->height - d->crop_y;
     if (d->gamma == 0) d->gamma = image->gamma;
     if (d->saturation == 0) d->saturation = image->codes ? 1 : INFINITY;
-    photo->count = (double)d->crop_width / film->width * d->crop_height / film->height;
+    double across = (double)d->crop_width / film->width;
+    double down = (double)d->crop_height / film->height;
     if (d->crop_x < 0 || d->crop_y < 0 || d->crop_width > image->width - d->crop_x ||
-        d->crop_height > image->height - d->crop_y || d->crop_width < film->width ||
-        d->crop_height < film->height || (fabs(d->crop_width - d->crop_height * shape) > .5 &&
-                                          fabs(d->crop_height - d->crop_width / shape) > .5))
+        d->crop_height > image->height - d->crop_y || across < 1 || down < 1 ||
+        fabs(across - down) * fmin(film->width, film->height) > .5)
         return "is cropped to another shape than the film's, to less pixels, or beyond its edge";
     if (!(d->gamma <= 20 && d->read_noise >= 0 && d->gain >= 0))
         return "has a gamma, read noise or gain that is out of range";
     if (!itn__image_colours(image, photo->planes)) return "has neither Y nor R, G and B";
     photo->colours = photo->planes[1] == photo->planes[0] ? 1 : 3;
     if (photo->colours < film->channels) return "has not R, G and B, which the film has";
-    for (int k = 3; k < 3 + photo->colours; k++)
-        photo->planes[k] = itn_image_plane(image, itn__photo_planes[photo->colours / 3][k]);
-    photo->stated = d->read_noise > 0 || d->gain > 0 || photo->planes[3];
-    photo->alpha = itn_image_plane(image, "A");
     if (mask && (mask->width != image->width || mask->height != image->height ||
                  !itn__image_colours(mask, planes)))
         return "has another size than its mask, or that has neither Y nor R, G and B";
-    photo->mask = mask ? planes[0] : NULL;
+    photo->mask = mask ? planes[0] : NULL, photo->alpha = itn_image_plane(image, "A");
+    for (int k = photo->colours; k < 2 * photo->colours; k++)
+        photo->planes[3 + k % photo->colours] =
+            itn_image_plane(image, itn__photo_names[photo->colours / 3][k]);
+    photo->stated = d->read_noise > 0 || d->gain > 0 || photo->planes[3];
     return NULL;
 }
 
 /* Adds a share of a pixel to the means, for a grey film of its luminance; channels have their noise
    together. Returns 0 if it does not count: it is transparent, masked, saturated or not valid. */
-static int itn__photo_pixel(itn__photo *photo, size_t at, double share) {
+static int itn__photo_pixel(itn__photo *photo, int x, int y, double share) {
     double gamma = (double)photo->desc.gamma, coded = (double)photo->image->gamma;
     float light[3] = {0, 0, 0}, noise[3] = {0, 0, 0};
     itn_photo_report *told = &photo->report;
-    int k;
+    size_t at = (size_t)y * (size_t)photo->image->width + (size_t)x;
     if (photo->alpha && !(photo->alpha[at] >= 1)) return 0;
     if (photo->mask && !(photo->mask[at] >= .5f)) return 0;
-    for (k = 0; k < photo->colours; k++) {
+    for (int k = 0; k < photo->colours; k++) {
         light[k] = photo->planes[k][at];
         if (light[k] >= photo->desc.saturation) return told->saturated++, 0;
         if (gamma != coded)
@@ -11747,41 +11678,40 @@ static int itn__photo_pixel(itn__photo *photo, size_t at, double share) {
         told->clipped += light[k] == told->largest;
         if (photo->planes[3 + k]) noise[k] = sqrtf(photo->planes[3 + k][at]);
     }
-    if (k > photo->film.channels)
+    if (photo->colours > photo->film.channels)
         light[0] = itn__luminance(light), noise[0] = itn__luminance(noise);
-    for (k = 0; k < photo->film.channels; k++) {
-        if (!(fabsf(light[k]) <= 1e18f && noise[k] <= 1e18f)) return photo->bad = at + 1, 0;
+    for (int k = 0; k < photo->film.channels; k++) {
+        if (!(fabsf(light[k]) <= 1e18f && noise[k] <= 1e18f))
+            photo->result = itn__fail(photo->error, ITN_ERROR_ARGUMENT, 0, "the photo's pixel %d, "
+                                      "%d (column, row), or its variance, is not finite, negative "
+                                      "or too large", x, y);
         photo->means[k] += share * (double)light[k];
         photo->means[3 + k] += share * (double)noise[k] * (double)noise[k];
     }
-    return 1;
+    return !photo->result;
 }
 
-/* Finds the means of a film pixel. Returns 0 if a part of it does not count. One of the photo's has
-   sides as long as the film has pixels, then one of the film's as long as the crop has. */
-static int itn__photo_mean(itn__photo *photo, int64_t x, int64_t y) {
-    const itn_photo_desc *d = &photo->desc;
-    int64_t w = d->crop_width, h = d->crop_height;
-    int64_t columns = photo->film.width, rows = photo->film.height;
-    memset(photo->means, 0, sizeof photo->means);
-    for (int64_t j = y * h / rows; j * rows < (y + 1) * h; j++)
-        for (int64_t i = x * w / columns; i * columns < (x + 1) * w; i++) {
-            size_t at = (size_t)((d->crop_y + j) * photo->image->width + d->crop_x + i);
-            double across = fmin((double)((i + 1) * columns), (double)((x + 1) * w)) -
-                            fmax((double)(i * columns), (double)(x * w));
-            double down = fmin((double)((j + 1) * rows), (double)((y + 1) * h)) -
-                          fmax((double)(j * rows), (double)(y * h));
-            if (!itn__photo_pixel(photo, at, across / (double)w * (down / (double)h))) return 0;
-        }
-    return 1;
+/* How much of film pixel x of n pixel i of the m that they cover is. One of these is n long, if one
+   of the film is m long. */
+static double itn__photo_share(int64_t i, int64_t m, int64_t x, int64_t n) {
+    int64_t first = i * n > x * m ? i * n : x * m;
+    int64_t end = (i + 1) * n < (x + 1) * m ? (i + 1) * n : (x + 1) * m;
+    return (double)(end - first) / (double)m;
 }
 
 /* Makes a film pixel: its values and, in the planes behind, their variances. */
 static void itn__photo_film(itn__photo *photo, int x, int y, itn_image *made) {
     const itn_photo_desc *d = &photo->desc;
-    int channels = photo->film.channels, codes = photo->image->codes;
-    int counts = itn__photo_mean(photo, x, y);
-    double gamma = (double)d->gamma;
+    int channels = photo->film.channels, codes = photo->image->codes, counts = 1;
+    int64_t w = d->crop_width, h = d->crop_height;
+    int64_t columns = photo->film.width, rows = photo->film.height;
+    double gamma = (double)d->gamma, covered = (double)(w * h) / (double)(columns * rows);
+    memset(photo->means, 0, sizeof photo->means);
+    for (int64_t j = y * h / rows; j * rows < (y + 1) * h; j++)
+        for (int64_t i = x * w / columns; i * columns < (x + 1) * w && counts; i++)
+            counts = itn__photo_pixel(photo, d->crop_x + (int)i, d->crop_y + (int)j,
+                                      itn__photo_share(i, w, x, columns) *
+                                          itn__photo_share(j, h, y, rows));
     photo->report.masked += !counts;
     for (int c = 0; c < channels; c++) {
         double mean = photo->means[c], code = itn__encode(mean, gamma), step = 0;
@@ -11789,7 +11719,7 @@ static void itn__photo_film(itn__photo *photo, int x, int y, itn_image *made) {
             step = itn__decode(code + .5 / codes, gamma) - itn__decode(code - .5 / codes, gamma);
         double variance = photo->means[3 + c] + step * step / 12 + pow((double)d->read_noise, 2) +
                           (double)d->gain * fmax(mean, 0);
-        variance = variance / photo->count + (photo->stated ? 0 : step * step / 4);
+        variance = variance / covered + (photo->stated ? 0 : step * step / 4);
         *itn__pixel(made, c, y, x) = counts ? (float)mean : 0;
         *itn__pixel(made, channels + c, y, x) = counts ? (float)variance : INFINITY;
         photo->known |= !counts || variance > 0;
@@ -11800,10 +11730,9 @@ ITN_API ITN__COLD itn_result itn_photo_make(const itn_image *image, const itn_ph
                                   itn_film_desc film, itn_image *photo, itn_photo_report *report,
                                   itn_error *error) {
     itn__photo p = ITN_ZERO;
-    itn_image made;
+    itn_image made = ITN_ZERO;
     const char *fault = "is NULL, or the film is none of a scene";
-    int i, columns;
-    p.image = image, p.film = film;
+    p.image = image, p.film = film, p.error = error;
     if (desc) p.desc = *desc;
     if (image && image->pixels && image->names && photo && film.width > 0 && film.height > 0 &&
         (film.channels == 1 || film.channels == 3))
@@ -11812,21 +11741,14 @@ ITN_API ITN__COLD itn_result itn_photo_make(const itn_image *image, const itn_ph
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "the photo %s (%d x %d pixels of it, for a "
                          "film of %d x %d)", fault, p.desc.crop_width, p.desc.crop_height,
                          film.width, film.height);
-    itn_result result =
+    p.result =
         itn_image_create(film.width, film.height, 2 * film.channels, &image->context, &made, error);
-    if (result) return result;
-    for (i = 0; i < film.width * film.height; i++)
-        itn__photo_film(&p, i % film.width, i / film.width, &made);
-    for (i = 0; i < 2 * film.channels; i++)
-        strcpy(made.names[i], itn__photo_planes[film.channels / 3]
-                                               [i % film.channels + i / film.channels * 3]);
+    for (int y = 0; y < film.height; y++)
+        for (int x = 0; x < film.width && !p.result; x++) itn__photo_film(&p, x, y, &made);
+    for (int k = 0; k < made.plane_count; k++)
+        strcpy(made.names[k], itn__photo_names[film.channels / 3][k]);
     if (!p.known) made.plane_count = film.channels; /* all counts, and nothing is known */
-    if (p.bad) {
-        itn_image_free(&made), columns = image->width, i = (int)(p.bad - 1);
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "the photo's pixel %d, %d (column, row), or "
-                         "its variance, is not finite, negative or too large", i % columns,
-                         i / columns);
-    }
+    if (p.result) return itn_image_free(&made), p.result;
     if (report) *report = p.report;
     *photo = made;
     return ITN_OK;
@@ -11845,22 +11767,20 @@ ITN_API itn_result itn_image_load(const char *path, const itn_context *context, 
 
 /* What every saver of images asks for. */
 static itn_result itn__check_image(const itn_image *image, int first_plane, int plane_count,
-                                   int one_or_three, itn__buffer *buffer, itn_error *error) {
+                                   itn__buffer *buffer, itn_error *error) {
     memset(buffer, 0, sizeof *buffer);
     if (!image || !image->pixels || !image->names || image->width < 1 || image->height < 1)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving an image: it has no pixels");
-    if (first_plane < 0 || plane_count < 1 || first_plane > image->plane_count - plane_count ||
-        (one_or_three && plane_count != 1 && plane_count != 3))
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "saving an image: %d planes from plane %d on of an image of %d",
-                         plane_count, first_plane, image->plane_count);
+    if (first_plane < 0 || (plane_count != 1 && plane_count != 3) ||
+        first_plane > image->plane_count - plane_count)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving an image: %d planes from plane %d "
+                         "on of an image of %d", plane_count, first_plane, image->plane_count);
     return itn__context_check(&image->context, &buffer->context, error);
 }
 
 /* Sorts the planes by name. Returns NULL, or what is wrong with a name. */
 static const char *itn__exr_order(const itn_image *image, int *order) {
-    int k;
-    for (int i = 0; i < image->plane_count; i++) {
+    for (int i = 0, k; i < image->plane_count; i++) {
         const char *name = image->names[i];
         if (!*name || !memchr(name, 0, ITN_NAME_SIZE)) return "a plane's name is empty or endless";
         for (k = i; k > 0 && strcmp(name, image->names[order[k - 1]]) < 0; k--)
@@ -11876,12 +11796,13 @@ static const char *itn__exr_order(const itn_image *image, int *order) {
 
 /* An attribute is put as its name, type and size, and then its value. */
 static void itn__exr_put_header(itn__buffer *buffer, const itn_image *image, const int *order) {
-    size_t list = 1, longest = 0, length;
-    for (int i = 0; i < image->plane_count; i++, list += length + 17) {
-        length = strlen(image->names[i]);
+    size_t list = 1, longest = 0;
+    for (int i = 0; i < image->plane_count; i++) {
+        size_t length = strlen(image->names[i]);
+        list += length + 17;
         if (length > longest) longest = length;
     }
-    itn__put(buffer, "\x76\x2f\x31\x01", 4);
+    ITN__PUT_BYTES(buffer, "\x76\x2f\x31\x01");
     itn__put_number(buffer, longest > 31 ? 2 | ITN__EXR_LONG_NAMES : 2, 4, 0);
     ITN__PUT_BYTES(buffer, "channels\0chlist\0");
     itn__put_number(buffer, list, 4, 0);
@@ -11894,8 +11815,8 @@ static void itn__exr_put_header(itn__buffer *buffer, const itn_image *image, con
     for (int i = 0; i < 2; i++) {
         itn__put(buffer, i ? "displayWindow" : "dataWindow", i ? 14 : 11);
         ITN__PUT_BYTES(buffer, "box2i\0\20\0\0\0\0\0\0\0\0\0\0\0");
-        itn__put_number(buffer, (uint32_t)image->width - 1, 4, 0);
-        itn__put_number(buffer, (uint32_t)image->height - 1, 4, 0);
+        itn__put_number(buffer, (uint64_t)(image->height - 1) << 32 | (uint64_t)(image->width - 1),
+                        8, 0);
     }
     ITN__PUT_BYTES(buffer, "lineOrder\0lineOrder\0\1\0\0\0\0"
                            "pixelAspectRatio\0float\0\4\0\0\0\0\0\x80\x3f"
@@ -11906,22 +11827,20 @@ static void itn__exr_put_header(itn__buffer *buffer, const itn_image *image, con
 ITN_API ITN__COLD itn_result itn_image_save_exr(const itn_image *image, const char *path,
                                                 itn_error *error) {
     itn__buffer buffer;
-    int planes = image ? image->plane_count : 0, order[ITN__EXR_CHANNELS];
-    itn_result result = itn__check_image(image, 0, planes, 0, &buffer, error);
+    int order[ITN__EXR_CHANNELS];
+    itn_result result = itn__check_image(image, 0, 1, &buffer, error);
     if (result) return result;
-    uint64_t line = (uint64_t)image->width * (uint64_t)planes * 4;
-    const char *fault = line > INT_MAX || planes > ITN__EXR_CHANNELS
-                            ? "a line of 2 GiB, or 1025 planes"
-                            : itn__exr_order(image, order);
+    uint64_t line = (uint64_t)image->width * (uint64_t)image->plane_count * 4;
+    const char *fault = line > INT_MAX || image->plane_count > ITN__EXR_CHANNELS
+                            ? "a line of 2 GiB, or 1025 planes" : itn__exr_order(image, order);
     if (fault) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving an image: %s", fault);
     itn__exr_put_header(&buffer, image, order);
     uint64_t start = buffer.size + 8 * (uint64_t)image->height;
-    buffer.failed |= line + 16 > SIZE_MAX / 8 / (uint64_t)image->height;
     for (int row = 0; row < image->height && !buffer.failed; row++)
         itn__put_number(&buffer, start + (uint64_t)row * (line + 8), 8, 0);
     for (int row = 0; row < image->height && !buffer.failed; row++) {
         itn__put_number(&buffer, (uint64_t)row | line << 32, 8, 0);
-        for (int i = 0; i < planes; i++)
+        for (int i = 0; i < image->plane_count; i++)
             itn__put_floats(&buffer, itn__pixel(image, order[i], row, 0), (size_t)image->width);
     }
     return itn__write_file(path, &buffer, error);
@@ -11931,7 +11850,7 @@ ITN_API itn_result itn_image_save_pfm(const itn_image *image, int first_plane, i
                                       const char *path, itn_error *error) {
     itn__buffer buffer;
     char header[64];
-    itn_result result = itn__check_image(image, first_plane, plane_count, 1, &buffer, error);
+    itn_result result = itn__check_image(image, first_plane, plane_count, &buffer, error);
     if (result) return result;
     itn__put(&buffer, header, itn__print(header, sizeof header, "P%c\n%d %d\n-1.0\n",
                                          plane_count == 3 ? 'F' : 'f', image->width,
@@ -11946,88 +11865,78 @@ ITN_API itn_result itn_image_save_pfm(const itn_image *image, int first_plane, i
 /* The 99th percentile (by rank) of the sizes of finite numbers; without signs, negative ones count
    as 0. It is found bit by bit, as the bits of positive floats are ordered as the floats are. */
 static float itn__percentile99(const float *values, size_t count, int with_signs) {
-    uint32_t found = 0, bits;
-    size_t below, total;
+    uint32_t found = 0;
     for (uint32_t bit = 1u << 30; bit; bit >>= 1) {
-        for (size_t i = below = total = 0; i < count; i++) {
-            if (!itn__finite(values[i])) continue;
-            float value = with_signs ? fabsf(values[i]) : itn__max(values[i], 0);
-            memcpy(&bits, &value, 4);
-            below += bits < (found | bit), total++;
+        float level = itn__float_of(found | bit);
+        size_t below = 0, total = 0;
+        for (size_t i = 0; i < count; i++) {
+            below += (with_signs ? fabsf(values[i]) : values[i]) < level && itn__finite(values[i]);
+            total += itn__finite(values[i]) != 0;
         }
         if (below < total - total / 100) found |= bit; /* the percentile is not below */
     }
     return itn__float_of(found);
 }
 
-/* [0,1] to [0,255], what is outside cut. */
-static unsigned char itn__byte(double x) { return (unsigned char)(fmin(fmax(x, 0), 1) * 255 + .5); }
-
-/* Puts a chunk of data, which are then none. */
-static void itn__png_put_chunk(itn__buffer *png, const char *type, itn__buffer *data) {
-    size_t start = png->size + 4;
-    png->failed |= data->failed;
-    itn__put_number(png, data->size, 4, 1);
-    itn__put(png, type, 4);
-    itn__put(png, data->bytes, data->size);
-    if (!png->failed) itn__put_number(png, itn__crc32(png->bytes + start, data->size + 4), 4, 1);
-    data->size = 0;
+/* Puts the checksum of a PNG chunk, whose type begins there. */
+static void itn__png_put_sum(itn__buffer *png, size_t start) {
+    if (!png->failed)
+        itn__put_number(png, itn__crc32(png->bytes + start, png->size - start), 4, 1);
 }
 
-/* Noise does not compress: the zlib stream of a PNG file is stored blocks. */
-static void itn__zlib_store(itn__buffer *out, const itn__buffer *data) {
-    size_t size;
-    itn__put_number(out, 0x7801, 2, 1);
-    for (size_t at = 0; at < data->size; at += size) {
-        size = data->size - at < 65535 ? data->size - at : 65535;
-        itn__put_number(out, (at + size == data->size) | size << 8 | (size ^ 0xffff) << 24, 5, 0);
-        itn__put(out, data->bytes + at, size);
-    }
-    itn__put_number(out, itn__adler32(1, data->bytes, data->size), 4, 1);
-}
-
+/* Noise does not compress: the zlib stream of the file is stored blocks of pixels of a row. */
 ITN_API ITN__COLD itn_result itn_image_save_png(const itn_image *image, int first_plane,
                                                 int plane_count, itn_png_mode mode, float scale,
                                                 const char *path, itn_error *error) {
-    itn__buffer png, data;
-    itn_result result = itn__check_image(image, first_plane, plane_count, 1, &png, error);
+    enum { BLOCK = 21000 };
+    itn__buffer png;
+    itn_result result = itn__check_image(image, first_plane, plane_count, &png, error);
     if (result) return result;
-    itn__buffer rows = data = png;
+    uint64_t width = (uint64_t)image->width, height = (uint64_t)image->height;
+    uint64_t size = 6 + height * (1 + 3 * width + 5 * ((width + BLOCK - 1) / BLOCK));
     if (!(scale >= 0) || !itn__finite(scale) || (mode != ITN_PNG_TONE && mode != ITN_PNG_SIGNED) ||
-        image->height > INT_MAX / 4 / image->width)
+        size > INT_MAX)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "saving a PNG: mode %d, scale %g or %d x %d pixels", (int)mode,
                          (double)scale, image->width, image->height);
     if (scale == 0) {
-        float largest =
-            itn__percentile99(itn__pixel(image, first_plane, 0, 0),
-                              (size_t)plane_count * (size_t)image->width * (size_t)image->height,
-                              mode == ITN_PNG_SIGNED);
+        float largest = itn__percentile99(itn__pixel(image, first_plane, 0, 0),
+                                          (size_t)plane_count * (size_t)width * (size_t)height,
+                                          mode == ITN_PNG_SIGNED);
         scale = largest >= FLT_MIN ? 1 / largest : 1;
     }
-    for (int y = 0; y < image->height && !rows.failed; y++) {
-        itn__put_number(&rows, 0, 1, 1); /* not filtered */
-        for (int x = 0; x < image->width; x++) {
+    ITN__PUT_BYTES(&png, "\x89PNG\r\n\x1a\n\0\0\0\15IHDR");
+    itn__put_number(&png, width << 32 | height, 8, 1);
+    ITN__PUT_BYTES(&png, "\10\2\0\0\0"); /* 8 bits, RGB, deflate, filters, not interlaced */
+    itn__png_put_sum(&png, 12);
+    itn__put_number(&png, size, 4, 1);
+    size_t start = png.size;
+    ITN__PUT_BYTES(&png, "IDAT\x78\1");
+    uint32_t sum = 1;
+    for (int y = 0; y < image->height; y++)
+        for (int x = 0; x < image->width && !png.failed; x++) {
             double v[3];
-            unsigned char rgb[3] = {255, 0, 255}; /* of NaN */
+            unsigned char bytes[] = {0, 255, 0, 255}; /* not filtered; the colour of NaN */
             for (int k = 0; k < 3; k++)
                 v[k] = (double)(scale * *itn__pixel(image, first_plane + k % plane_count, y, x));
             double mean = (v[0] + v[1] + v[2]) / 3;
-            for (int k = 0; k < 3 && mean == mean; k++)
-                rgb[k] = itn__byte(mode == ITN_PNG_SIGNED ? (1 - k) * mean
-                                                          : itn__encode(fmin(fmax(v[k], 0), 1), 0));
-            itn__put(&rows, rgb, 3);
+            for (int k = 0; k < 3 && mean == mean; k++) {
+                v[k] = mode == ITN_PNG_SIGNED ? (1 - k) * mean
+                                              : itn__encode(fmin(fmax(v[k], 0), 1), 0);
+                bytes[1 + k] = (unsigned char)(fmin(fmax(v[k], 0), 1) * 255 + .5);
+            }
+            if (x % BLOCK == 0) { /* whether it is the last, its size, and that turned */
+                int left = image->width - x, last = left <= BLOCK;
+                uint64_t block = (uint64_t)(3 * (last ? left : BLOCK) + !x);
+                itn__put_number(&png, (last && y == image->height - 1) | block << 8 |
+                                      (block ^ 0xffff) << 24, 5, 0);
+            }
+            sum = itn__adler32(sum, bytes + (x > 0), 3 + (x == 0));
+            itn__put(&png, bytes + (x > 0), 3 + (x == 0));
         }
-    }
-    itn__put(&png, "\x89PNG\r\n\x1a\n", 8);
-    itn__put_number(&data, (uint64_t)image->width << 32 | (uint64_t)image->height, 8, 1);
-    itn__put(&data, "\10\2\0\0\0", 5); /* 8 bits, RGB, deflate, filters, not interlaced */
-    itn__png_put_chunk(&png, "IHDR", &data);
-    itn__zlib_store(&data, &rows);
-    itn__png_put_chunk(&png, "IDAT", &data);
-    itn__png_put_chunk(&png, "IEND", &data);
-    png.failed |= rows.failed;
-    itn__buffer_free(&rows), itn__buffer_free(&data);
+    itn__put_number(&png, sum, 4, 1);
+    itn__png_put_sum(&png, start);
+    ITN__PUT_BYTES(&png, "\0\0\0\0IEND\xae\x42\x60\x82");
     return itn__write_file(path, &png, error);
 }
 
