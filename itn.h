@@ -1514,50 +1514,38 @@ typedef struct itn__triangle {
     int object; /* it belongs to */
 } itn__triangle;
 
-/* A triangle's plane and a point o, in double:
+/* A triangle's plane and a point o, in double, exact enough for the thinnest needle:
      n = (p1 - p0) x (p2 - p0),  |n|_1 = |nx| + |ny| + |nz|,  F = n . (p0 - o). */
 typedef struct itn__plane {
-    double n[3], size; /* and |n|_1 */
-    double f, error;   /* F, and what rounding makes of it at most */
+    double n[3], size, length; /* |n|_1, |n|: twice the area */
+    double f, error;           /* F, and what rounding makes of it at most */
 } itn__plane;
 
-/* n, and the edges b, c that it is the product of, exact enough for the thinnest needle. */
-ITN__INLINE void itn__cross_edges(const itn__triangle *triangle, double n[3], double b[3],
-                                  double c[3]) {
+static itn__plane itn__plane_of(const itn__triangle *triangle, itn_vec3 point) {
+    const float p[3] = {point.x, point.y, point.z};
+    double b[3], c[3], square = 0;
+    itn__plane plane = ITN_ZERO;
     for (int k = 0; k < 3; k++) {
         b[k] = (double)triangle->corner[1][k] - triangle->corner[0][k];
         c[k] = (double)triangle->corner[2][k] - triangle->corner[0][k];
     }
-    n[0] = b[1] * c[2] - b[2] * c[1], n[1] = b[2] * c[0] - b[0] * c[2];
-    n[2] = b[0] * c[1] - b[1] * c[0];
-}
-
-static itn__plane itn__plane_of(const itn__triangle *triangle, itn_vec3 point) {
-    const float p[3] = {point.x, point.y, point.z};
-    double b[3], c[3];
-    itn__plane plane;
-    itn__cross_edges(triangle, plane.n, b, c);
-    plane.size = plane.f = plane.error = 0;
     for (int k = 0; k < 3; k++) {
         int l = (k + 1) % 3, m = (k + 2) % 3;
         double a = (double)triangle->corner[0][k] - p[k];
+        plane.n[k] = b[l] * c[m] - b[m] * c[l], square += plane.n[k] * plane.n[k];
         plane.size += fabs(plane.n[k]), plane.f += plane.n[k] * a;
         plane.error += 4 * DBL_EPSILON * (fabs(b[l] * c[m]) + fabs(b[m] * c[l])) * fabs(a);
     }
+    plane.length = sqrt(square);
     return plane;
-}
-
-static double itn__size_of(const double n[3]) {
-    return sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
 }
 
 /* Unit normal of a triangle's front. Returns twice the area, 0 if there is no normal. */
 static double itn__unit_normal(const itn__triangle *triangle, double n[3]) {
-    double b[3], c[3];
-    itn__cross_edges(triangle, n, b, c);
-    double length = itn__size_of(n), scale = length > 0 ? 1 / length : 1;
-    for (int k = 0; k < 3; k++) n[k] *= scale;
-    return length;
+    itn__plane plane = itn__plane_of(triangle, itn__vec3(0, 0, 0));
+    double scale = plane.length > 0 ? 1 / plane.length : 1;
+    for (int k = 0; k < 3; k++) n[k] = plane.n[k] * scale;
+    return plane.length;
 }
 
 /* A ray made ready for triangles. */
@@ -4683,14 +4671,11 @@ ITN_API void itn_mesh_free(itn_mesh *mesh) {
 
 /* Refuses a mesh whose fields cannot be read at all. */
 static itn_result itn__mesh_readable(const itn_mesh *mesh, const char *who, itn_error *error) {
-    const char *fault = NULL;
-    if (!mesh)
-        fault = "mesh is NULL";
-    else if (mesh->vertex_count < 0 || mesh->triangle_count < 0)
-        fault = "vertex_count or triangle_count is negative";
-    else if ((mesh->vertex_count && !mesh->positions) || (mesh->triangle_count && !mesh->triangles))
-        fault = "positions or triangles are NULL";
-    return fault ? itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: %s", who, fault) : ITN_OK;
+    if (mesh && mesh->vertex_count >= 0 && mesh->triangle_count >= 0 &&
+        (!mesh->vertex_count || mesh->positions) && (!mesh->triangle_count || mesh->triangles))
+        return ITN_OK;
+    return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: mesh, its positions or triangles are NULL, "
+                     "or its vertex_count or triangle_count is negative", who);
 }
 
 /* Copies a mesh's triangles. */
@@ -4740,137 +4725,102 @@ ITN_API itn_result itn_bvh_create(const itn_mesh *mesh, const itn_context *conte
    triangles join have such volumes, too; where rounding may have made one, as of a sheet with two
    sides, it is 0. */
 
-/* A hash table with open addressing; entries are numbered in the order in which they come. The seed
-   is made of all keys to come, so that files can hardly choose slots. */
-typedef struct itn__entry {
-    uint32_t key[3];
-    int first; /* to use it */
-} itn__entry;
-typedef struct itn__table {
-    itn__entry *entries;
-    int *slots; /* [mask + 1]: number of an entry + 1, or 0 */
-    size_t mask;
-    uint64_t seed;
-    int count;
-} itn__table;
-
-/* For at most `count` keys. Returns 0 if memory is out. */
-static int itn__table_make(itn__table *table, const itn_context *context, size_t count) {
-    size_t size = 4;
-    while (size / 2 < count && size <= SIZE_MAX / 4) size *= 2;
-    table->mask = size - 1;
-    table->entries = ITN__NEW(itn__entry, context, count);
-    table->slots = ITN__NEW(int, context, size);
-    return table->entries && table->slots;
-}
-
-/* The first user of a key: this one, if it is new. */
-static int itn__table_first(itn__table *table, const uint32_t key[3], int user) {
-    uint64_t hash = itn__mix64(table->seed ^ (key[0] | (uint64_t)key[1] << 32));
-    for (hash = itn__mix64(hash + key[2]);; hash++) {
-        int *slot = &table->slots[hash & table->mask];
-        itn__entry *entry = &table->entries[*slot ? *slot - 1 : table->count];
-        if (!*slot) {
-            memcpy(entry->key, key, sizeof entry->key);
-            entry->first = user, *slot = ++table->count;
-        }
-        if (entry->key[0] == key[0] && entry->key[1] == key[1] && entry->key[2] == key[2])
-            return entry->first;
-    }
-}
-
-/* A triangle's use of an edge, kept with the edge's lesser vertex: whether it runs from there. */
+/* A triangle's use of an edge, kept with the edge's lesser vertex. */
 typedef struct itn__use {
-    int other, triangle, along;
+    int other, triangle, along; /* the greater vertex; whether it runs from the lesser to it */
+    int next;                   /* of the lesser vertex's uses; 0: none */
 } itn__use;
 
 /* A triangle of a part: another one of it, or itself, and what it, later all, add to the volume. */
 typedef struct itn__part {
-    int other;
+    int other; /* -1: it takes no part */
     double volume, rounding;
 } itn__part;
 
 /* What itn_mesh_check works on. */
 typedef struct itn__welding {
     const itn_mesh *mesh;
-    itn__table positions;
     int *weld;        /* [vertex_count] first vertex at the same position */
-    int *first;       /* [vertex_count + 2] of each vertex's uses */
-    itn__use *uses;   /* [3 triangle_count] */
+    int *slots;       /* [mask + 1] of a hash table: vertices + 1, or 0 */
+    size_t mask;
+    int *last;        /* [vertex_count] of each vertex's uses; 0: none */
+    itn__use *uses;   /* [3 triangle_count + 1], from 1 */
+    itn__use *sorted; /* [3 triangle_count], those of one vertex */
     itn__part *parts; /* [triangle_count] */
-    double rounding;  /* of the sum of volumes */
-    itn_mesh_report *report;
+    itn_mesh_report report;
 } itn__welding;
 
-/* Finds the first vertex at each position. One that is not finite equals only itself. */
+/* Finds the first vertex at each position. One that is not finite equals only itself. The table has
+   open addressing, and a seed of all positions, so that files can hardly choose slots. */
 static void itn__weld(itn__welding *w) {
-    const float *p = w->mesh->positions;
-    uint32_t key[3];
-    int i, count = w->mesh->vertex_count;
-    for (i = 0; i < count; i++, p += 3) {
-        memcpy(key, p, sizeof key);
-        w->positions.seed = itn__mix64(w->positions.seed + key[0] + itn__mix64(
-                                           key[1] | (uint64_t)key[2] << 32));
-    }
-    for (i = 0, p = w->mesh->positions; i < count; i++, p += 3) {
-        itn_vec3 position = itn__vec3(p[0] + 0, p[1] + 0, p[2] + 0); /* -0 and 0 are one */
-        memcpy(key, &position, sizeof key);
-        if (!itn__finite3(position)) {
-            if (!w->report->bad_vertices++) w->report->first_bad_vertex = i;
-            key[0] = (uint32_t)i, key[1] = key[2] = UINT32_MAX;
+    const float *positions = w->mesh->positions;
+    uint64_t seed = 0;
+    for (int pass = 0; pass < 2; pass++)
+        for (int i = 0; i < w->mesh->vertex_count; i++) {
+            const float *p = positions + 3 * (size_t)i, *q = NULL;
+            itn_vec3 position = itn__vec3(p[0] + 0, p[1] + 0, p[2] + 0); /* -0 and 0 are one */
+            uint64_t key[2] = {0, 0};
+            memcpy(key, &position, sizeof position);
+            uint64_t hash = itn__mix64(key[1] + itn__mix64(seed ^ key[0]));
+            if (!pass) {
+                seed = hash;
+            } else if (!itn__finite3(position)) {
+                if (!w->report.bad_vertices++) w->report.first_bad_vertex = i;
+                w->weld[i] = i;
+            } else {
+                int *slot;
+                do {
+                    slot = &w->slots[hash++ & w->mask];
+                    if (!*slot) *slot = i + 1;
+                    q = positions + 3 * (size_t)(*slot - 1);
+                } while (q[0] != p[0] || q[1] != p[1] || q[2] != p[2]);
+                w->weld[i] = *slot - 1;
+            }
         }
-        w->weld[i] = itn__table_first(&w->positions, key, i);
-    }
 }
 
-/* Adds up areas, and parts of the volume as seen from `centre`. */
+/* Lists the uses of edges, and adds up areas and volumes, these as seen from `centre`. */
 static void itn__weigh_triangles(itn__welding *w) {
     const itn_mesh *mesh = w->mesh;
-    itn_mesh_report *report = w->report;
+    itn_mesh_report *report = &w->report;
     itn_vec3 centre = itn__vec3(0, 0, 0);
-    int k, weighed = 0;
-    for (int i = 0; i < mesh->triangle_count; i++) {
+    double rounding = 0;
+    for (int i = 0, weighed = 0; i < mesh->triangle_count; i++) {
         const int *corner = mesh->triangles + 3 * (size_t)i;
         itn__part *part = &w->parts[i];
         itn__triangle triangle;
-        itn__plane plane;
-        double area;
+        int k, at[3];
         part->other = -1;
-        for (k = 0; k < 3 && corner[k] >= 0 && corner[k] < mesh->vertex_count; k++)
+        for (k = 0; k < 3 && corner[k] >= 0 && corner[k] < mesh->vertex_count; k++) {
             memcpy(triangle.corner[k], mesh->positions + 3 * (size_t)corner[k],
                    sizeof triangle.corner[k]);
+            at[k] = w->weld[corner[k]];
+        }
         if (k < 3 && !report->bad_indices++) report->first_bad_triangle = i;
         if (k < 3) continue;
         if (!weighed) memcpy(&centre, triangle.corner[0], sizeof centre);
         weighed |= itn__finite3(centre);
-        for (k = 0; k < 3 && w->weld[corner[k]] != w->weld[corner[(k + 1) % 3]]; k++) {}
-        if (k == 3) part->other = i; /* its corners are different */
-        plane = itn__plane_of(&triangle, centre), area = .5 * itn__size_of(plane.n);
-        if (!itn__finite(area)) continue; /* a bad vertex */
-        report->degenerate_triangles += area == 0 || k < 3;
+        int proper = at[0] != at[1] && at[1] != at[2] && at[2] != at[0];
+        if (proper) part->other = i;
+        for (k = 0; k < 3 && proper; k++) {
+            int from = at[k], to = at[(k + 1) % 3], number = 3 * i + k + 1, along = from < to;
+            itn__use use = {along ? to : from, i, along, w->last[along ? from : to]};
+            w->uses[number] = use, w->last[along ? from : to] = number;
+        }
+        itn__plane plane = itn__plane_of(&triangle, centre);
+        if (!itn__finite(plane.length)) continue; /* a bad vertex */
+        report->degenerate_triangles += plane.length == 0 || !proper;
         part->volume = plane.f / 6;
         part->rounding = plane.error + DBL_EPSILON * mesh->triangle_count * fabs(plane.f);
-        report->area += area, report->volume += part->volume, w->rounding += part->rounding;
+        report->area += .5 * plane.length, report->volume += part->volume;
+        rounding += part->rounding;
     }
+    if (fabs(report->volume) <= rounding) report->volume = 0;
 }
 
-/* Lists each vertex's uses: counts them, then writes them, which moves the first ones on. */
-static void itn__list_uses(itn__welding *w) {
-    const int *corner = w->mesh->triangles;
-    int count = 3 * w->mesh->triangle_count;
-    for (int pass = 0; pass < 2; pass++) {
-        for (int i = 0; i < count; i++) {
-            if (w->parts[i / 3].other < 0) continue;
-            int from = w->weld[corner[i]], to = w->weld[corner[i % 3 < 2 ? i + 1 : i - 2]];
-            int along = from < to, *next = &w->first[(along ? from : to) + 2 - pass];
-            if (pass) {
-                itn__use *use = &w->uses[*next];
-                use->other = along ? to : from, use->triangle = i / 3, use->along = along;
-            }
-            ++*next;
-        }
-        for (int i = 2; i < w->mesh->vertex_count + 2 && !pass; i++) w->first[i] += w->first[i - 1];
-    }
+static int itn__compare_uses(const void *a, const void *b) {
+    const itn__use *p = (const itn__use *)a, *q = (const itn__use *)b;
+    return p->other != q->other ? p->other - q->other : p->triangle - q->triangle;
 }
 
 /* The triangle that stands for all of a triangle's part. */
@@ -4880,36 +4830,22 @@ static itn__part *itn__part_of(itn__part *parts, int triangle) {
     return &parts[triangle];
 }
 
-/* Judges an edge by its `count` uses, of which some are along it. One of two triangles joins their
-   parts. */
-static void itn__judge_edge(itn__welding *w, int vertex, const itn__use *use, int count,
-                            int along) {
-    itn_mesh_report *report = w->report;
-    int *edge = count == 1 ? report->open_edge : report->flipped_edge;
-    int *found = count == 1 ? &report->open_edges : &report->flipped_edges;
-    if (count == 2)
-        itn__part_of(w->parts, use[0].triangle)->other =
-            itn__part_of(w->parts, use[1].triangle)->other;
-    if (2 * along == count) return;
-    if (!(*found)++) edge[0] = vertex, edge[1] = use->other;
-}
-
-static int itn__compare_uses(const void *a, const void *b) {
-    const itn__use *p = (const itn__use *)a, *q = (const itn__use *)b;
-    return p->other != q->other ? p->other - q->other : p->triangle - q->triangle;
-}
-
-/* Judges edges, vertex by vertex. */
-static void itn__judge_edges(itn__welding *w) {
-    int i, next, along;
-    for (int vertex = i = 0; vertex < w->mesh->vertex_count; vertex++) {
-        int end = w->first[vertex + 1];
-        if (end > i) qsort(w->uses + i, (size_t)(end - i), sizeof *w->uses, itn__compare_uses);
-        for (; i < end; i = next) {
-            for (next = i, along = 0; next < end && w->uses[next].other == w->uses[i].other; next++)
-                along += w->uses[next].along;
-            itn__judge_edge(w, vertex, &w->uses[i], next - i, along);
-        }
+/* Judges a vertex's edges by their uses. One of two triangles joins their parts. */
+static void itn__judge_edges(itn__welding *w, int vertex) {
+    itn_mesh_report *report = &w->report;
+    int total = 0, count;
+    for (int i = w->last[vertex]; i; i = w->uses[i].next) w->sorted[total++] = w->uses[i];
+    qsort(w->sorted, (size_t)total, sizeof *w->sorted, itn__compare_uses);
+    for (const itn__use *use = w->sorted; total > 0; use += count, total -= count) {
+        int along = 0;
+        for (count = 0; count < total && use[count].other == use->other; count++)
+            along += use[count].along;
+        int *edge = count == 1 ? report->open_edge : report->flipped_edge;
+        int *found = count == 1 ? &report->open_edges : &report->flipped_edges;
+        if (count == 2)
+            itn__part_of(w->parts, use[0].triangle)->other =
+                itn__part_of(w->parts, use[1].triangle)->other;
+        if (2 * along != count && !(*found)++) edge[0] = vertex, edge[1] = use->other;
     }
 }
 
@@ -4923,43 +4859,39 @@ static void itn__judge_parts(itn__welding *w) {
             part->volume += parts[i].volume, part->rounding += parts[i].rounding;
     }
     for (int i = 0; i < count; i++)
-        w->report->inverted_parts += parts[i].other == i && parts[i].volume < -parts[i].rounding;
-    if (fabs(w->report->volume) <= w->rounding) w->report->volume = 0;
+        w->report.inverted_parts += parts[i].other == i && parts[i].volume < -parts[i].rounding;
 }
 
 ITN_API ITN__COLD itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *context,
                                             itn_mesh_report *report, itn_error *error) {
     itn_context own;
     itn__welding w = ITN_ZERO;
-    itn_mesh_report found = ITN_ZERO;
     itn_result result = itn__context_check(context, &own, error);
     if (!result) result = itn__mesh_readable(mesh, "itn_mesh_check", error);
     if (result) return result;
     if (!report) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_mesh_check: report is NULL");
-    if (mesh->triangle_count > INT_MAX / 3) return itn__out_of_memory(error, "a mesh check");
+    if (mesh->triangle_count > INT_MAX / 3 - 1) return itn__out_of_memory(error, "a mesh check");
     size_t vertices = (size_t)mesh->vertex_count, triangles = (size_t)mesh->triangle_count;
-    found.first_bad_vertex = found.first_bad_triangle = -1;
-    w.mesh = mesh, w.report = &found;
+    w.report.first_bad_vertex = w.report.first_bad_triangle = -1;
+    w.mesh = mesh;
+    for (w.mask = 3; w.mask / 2 < vertices && w.mask < SIZE_MAX / 2;) w.mask = 2 * w.mask + 1;
     w.weld = ITN__NEW(int, &own, vertices);
+    w.slots = ITN__NEW(int, &own, w.mask + 1);
+    w.last = ITN__NEW(int, &own, vertices);
+    w.uses = ITN__NEW(itn__use, &own, 3 * triangles + 1);
+    w.sorted = ITN__NEW(itn__use, &own, 3 * triangles);
     w.parts = ITN__NEW(itn__part, &own, triangles);
-    w.first = ITN__NEW(int, &own, vertices + 2);
-    w.uses = ITN__NEW(itn__use, &own, 3 * triangles);
-    if (itn__table_make(&w.positions, &own, vertices) && w.weld && w.parts && w.first && w.uses) {
+    if (w.weld && w.slots && w.last && w.uses && w.sorted && w.parts) {
         itn__weld(&w);
         itn__weigh_triangles(&w);
-        itn__list_uses(&w);
-        itn__judge_edges(&w);
+        for (int i = 0; i < mesh->vertex_count; i++) itn__judge_edges(&w, i);
         itn__judge_parts(&w);
-        *report = found;
+        *report = w.report;
     } else {
         result = itn__out_of_memory(error, "a mesh check");
     }
-    itn__free(&own, w.positions.slots);
-    itn__free(&own, w.positions.entries);
-    itn__free(&own, w.uses);
-    itn__free(&own, w.first);
-    itn__free(&own, w.parts);
-    itn__free(&own, w.weld);
+    itn__free(&own, w.parts), itn__free(&own, w.sorted), itn__free(&own, w.uses);
+    itn__free(&own, w.last), itn__free(&own, w.slots), itn__free(&own, w.weld);
     return result;
 }
 
@@ -11944,11 +11876,12 @@ ITN_API ITN__COLD itn_result itn_image_save_png(const itn_image *image, int firs
 
 /* ---- [meshes] OBJ and PLY files -------------------------------------------------------------- */
 
-/* Both formats hold polygons, which are cut into triangles as they come. Seen along its normal n,
-   the sum of (p_i - p_0) x (p_i+1 - p_0) over its corners (Newell), a polygon is counter-clockwise.
-   If all triangles of the fan around its first corner are, too, they fill it. Else ears are cut
-   off: triangles of three consecutive corners that turn left and hold no other corner (Meisters
-   1975: every simple polygon has two). */
+/* Both formats hold polygons, which are cut into triangles as they come. They are seen along the
+   axis in which their area, the sum of (p_i - p_0) x (p_i+1 - p_0) over the corners (Newell), is
+   largest, from the side on which they are counter-clockwise. If all triangles of the fan around
+   the first corner are, too, these fill the polygon. Else ears are cut off: triangles of three
+   consecutive corners that turn left and hold no other corner (Meisters 1975: every simple polygon
+   has two). */
 
 enum { ITN__EAR_CORNERS = 4096 }; /* most corners of a polygon that is cut by ears */
 
@@ -11973,21 +11906,13 @@ static void itn__add_corner(itn__builder *b, size_t vertex, size_t texture) {
     itn__put(&b->corners, &corner, sizeof corner);
 }
 
-/* Adds a corner of a triangle. */
-static void itn__put_corner(itn__builder *b, const itn__corner *corner) {
-    itn__put(&b->triangles, &corner->vertex, sizeof corner->vertex);
-    itn__put(&b->uvs, corner->uv, sizeof corner->uv);
-    b->untextured |= !corner->textured;
-}
-
-/* n . (i - h) x (j - h): positive if the triangle turns left, seen against n. */
+/* How a polygon turns, positive to the left, at i between h and j, seen along an axis of which the
+   other two are `plane`: exact but for a last rounding. */
 static double itn__turn(const itn__corner *h, const itn__corner *i, const itn__corner *j,
-                        const double n[3]) {
-    double u[3], v[3];
-    for (int k = 0; k < 3; k++)
-        u[k] = (double)i->p[k] - (double)h->p[k], v[k] = (double)j->p[k] - (double)h->p[k];
-    return n[0] * (u[1] * v[2] - u[2] * v[1]) + n[1] * (u[2] * v[0] - u[0] * v[2]) +
-           n[2] * (u[0] * v[1] - u[1] * v[0]);
+                        const int plane[2]) {
+    int x = plane[0], y = plane[1];
+    return ((double)i->p[x] - h->p[x]) * ((double)j->p[y] - h->p[y]) -
+           ((double)i->p[y] - h->p[y]) * ((double)j->p[x] - h->p[x]);
 }
 
 static int itn__same_place(const itn__corner *a, const itn__corner *b) {
@@ -11995,12 +11920,13 @@ static int itn__same_place(const itn__corner *a, const itn__corner *b) {
 }
 
 /* Whether corner i, between h and j, of the count that are left is an ear. */
-static int itn__is_ear(const itn__corner *c, int count, int h, int i, int j, const double n[3]) {
-    if (!(itn__turn(c + h, c + i, c + j, n) > 0)) return 0;
+static int itn__is_ear(const itn__corner *c, int count, const itn__corner *h, const itn__corner *i,
+                       const itn__corner *j, const int plane[2]) {
+    if (!(itn__turn(h, i, j, plane) > 0)) return 0;
     for (const itn__corner *d = c; d < c + count; d++)
-        if (itn__turn(c + h, c + i, d, n) >= 0 && itn__turn(c + i, c + j, d, n) >= 0 &&
-            itn__turn(c + j, c + h, d, n) >= 0 && !itn__same_place(d, c + h) &&
-            !itn__same_place(d, c + i) && !itn__same_place(d, c + j))
+        if (itn__turn(h, i, d, plane) >= 0 && itn__turn(i, j, d, plane) >= 0 &&
+            itn__turn(j, h, d, plane) >= 0 && !itn__same_place(d, h) && !itn__same_place(d, i) &&
+            !itn__same_place(d, j))
             return 0;
     return 1;
 }
@@ -12013,39 +11939,45 @@ static int itn__is_ear(const itn__corner *c, int count, int h, int i, int j, con
 static void itn__add_polygon(itn__builder *b, itn__text *text) {
     itn__corner *c = (itn__corner *)(void *)b->corners.bytes;
     size_t given = b->corners.size / sizeof *c;
-    int count = (int)given, n = 0, fan = 1, earless = 0, k;
-    double normal[3] = {0, 0, 0};
+    int count = (int)given, n = 0, fan = 1, earless = 0, plane[2] = {0, 1}, k;
+    double largest = 0;
     if (given < 3 || given > INT_MAX / 16)
         ITN__DAMAGED(text, "a face needs three corners or more, not %.0f", (double)given);
     if (text->result) return;
     for (int i = 0; i < count; i++)
         if (n + count - i <= 3 || !itn__same_place(c + i, c + (i + 1) % count)) c[n++] = c[i];
-    for (k = 0; k < 3 && n > 3; k++) { /* a triangle needs no normal */
-        double axis[3] = {0, 0, 0};
-        axis[k] = 1;
-        for (int i = 1; i + 1 < n; i++) normal[k] += itn__turn(c, c + i, c + i + 1, axis);
+    for (k = 0; k < 3; k++) {
+        const int seen[2] = {(k + 1) % 3, (k + 2) % 3};
+        double area = 0;
+        for (int i = 1; i + 1 < n; i++) area += itn__turn(c, c + i, c + i + 1, seen);
+        if (!(fabs(area) > largest)) continue;
+        largest = fabs(area), plane[area < 0] = seen[0], plane[area > 0] = seen[1];
     }
-    for (int i = 1; i + 1 < n; i++) fan &= itn__turn(c, c + i, c + i + 1, normal) >= 0;
+    for (int i = 1; i + 1 < n && largest > 0; i++)
+        fan &= itn__turn(c, c + i, c + i + 1, plane) >= 0;
     if (!fan && n > ITN__EAR_CORNERS)
         ITN__UNSUPPORTED(text, "a face of this shape has more than %d corners", ITN__EAR_CORNERS);
     for (int i = n - 1; n >= 3 && !text->result; n--, i = (i + n - 1) % n) {
         for (k = 0; k < n && n > 3 && !fan && earless < 2; k++, i = (i + 1) % n)
-            if (itn__is_ear(c, n, (i + n - 1) % n, i, (i + 1) % n, normal)) break;
+            if (itn__is_ear(c, n, c + (i + n - 1) % n, c + i, c + (i + 1) % n, plane)) break;
         earless += k == n;
-        itn__put_corner(b, c + (i + 1) % n);
-        itn__put_corner(b, c + (i + n - 1) % n);
-        itn__put_corner(b, c + i);
+        const int cut[3] = {(i + 1) % n, (i + n - 1) % n, i};
+        for (int m = 0; m < 3; m++) {
+            const itn__corner *corner = c + cut[m];
+            itn__put(&b->triangles, &corner->vertex, sizeof corner->vertex);
+            itn__put(&b->uvs, corner->uv, sizeof corner->uv);
+            b->untextured |= !corner->textured;
+        }
         memmove(c + i, c + i + 1, (size_t)(n - i - 1) * sizeof *c);
     }
 }
 
-/* Makes the mesh from what was collected. Coordinates so far from the origin that floats lose its
-   shape are refused. */
-static itn_result itn__builder_mesh(const itn__builder *b, const char *name,
-                                    const itn_context *context, itn_mesh *mesh, itn_error *error) {
-    const float *p = (const float *)(const void *)b->positions.bytes;
+/* Makes the mesh of what was collected, whose memory it takes over. Coordinates so far from the
+   origin that floats lose its shape are refused. */
+static itn_result itn__builder_mesh(itn__builder *b, const char *name, itn_mesh *mesh,
+                                    itn_error *error) {
+    float *p = (float *)(void *)b->positions.bytes, size = 0, farthest = 0;
     size_t vertices = b->positions.size / 12, triangles = b->triangles.size / 12;
-    float size = 0, farthest = 0;
     if (vertices > INT_MAX / 3 || triangles > INT_MAX / 3)
         return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "%s: mesh is too large", name);
     for (size_t k = 0; k < 3; k++) {
@@ -12060,12 +11992,12 @@ static itn_result itn__builder_mesh(const itn__builder *b, const char *name,
                          "%s: coordinates near %g of a mesh that is %g large, of which floats keep "
                          "too few digits: move it to the origin", name, (double)farthest,
                          (double)size);
-    itn_result result =
-        itn_mesh_create((int)vertices, (int)triangles, !b->untextured, context, mesh, error);
-    if (result) return result;
-    memcpy(mesh->positions, p, b->positions.size);
-    memcpy(mesh->triangles, b->triangles.bytes, b->triangles.size);
-    if (mesh->uvs) memcpy(mesh->uvs, b->uvs.bytes, b->uvs.size);
+    mesh->vertex_count = (int)vertices, mesh->triangle_count = (int)triangles;
+    mesh->positions = p, mesh->triangles = (int *)(void *)b->triangles.bytes;
+    mesh->uvs = b->untextured ? NULL : (float *)(void *)b->uvs.bytes;
+    mesh->context = b->uvs.context;
+    b->positions.bytes = b->triangles.bytes = NULL;
+    if (mesh->uvs) b->uvs.bytes = NULL;
     return ITN_OK;
 }
 
@@ -12299,7 +12231,6 @@ ITN_API ITN__COLD itn_result itn_mesh_from_memory(const void *bytes, size_t size
                                                   itn_error *error) {
     itn__builder b = ITN_ZERO;
     itn_context checked;
-    itn_mesh made;
     if (!bytes || !mesh)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_mesh_from_memory: NULL argument");
     itn_result result = itn__context_check(context, &checked, error);
@@ -12316,10 +12247,9 @@ ITN_API ITN__COLD itn_result itn_mesh_from_memory(const void *bytes, size_t size
         result = itn__out_of_memory(error, text.name);
     else if (!result && !b.triangles.size)
         result = itn__fail_format(bytes, size, text.name, "a PLY or OBJ mesh with a face", error);
-    else if (!result) result = itn__builder_mesh(&b, text.name, &checked, &made, error);
+    else if (!result) result = itn__builder_mesh(&b, text.name, mesh, error);
     itn__buffer_free(&b.positions), itn__buffer_free(&b.texcoords), itn__buffer_free(&b.corners);
     itn__buffer_free(&b.triangles), itn__buffer_free(&b.uvs);
-    if (!result) *mesh = made;
     return result;
 }
 
