@@ -538,10 +538,10 @@ typedef struct itn_render_options {
     itn_sampler sampler;
     itn_estimator estimator;
     int walks; /* that go on from each of the spp camera rays, at most 256; 0 = 4 */
-    const int *samples; /* itn_render alone: [height][width], samples of each pixel, 1 to 2^24, in
-                           the place of spp; or NULL. Best are numbers in proportion to the standard
-                           deviation of a pixel's samples (Neyman 1934), estimated by another seed:
-                           by the same one they bias the means */
+    const int *samples; /* [height][width], samples of each pixel, 1 to 2^24, in the place of spp;
+                           or NULL. Best are numbers in proportion to the standard deviation of a
+                           pixel's samples (Neyman 1934), estimated by another seed: by the same one
+                           they bias the means */
     int (*progress)(void *user, double fraction); /* called now and then by the calling thread;
                                                      a non-zero return cancels; may be NULL */
     void *progress_user;
@@ -568,8 +568,8 @@ ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
                               const itn_render_options *options, const int *parameters, int count,
                               itn_image *image, itn_error *error);
 
-/* Makes now the tables that renders with these options (samples: NULL) will use, and which the
-   scene keeps; else the first such render makes them. */
+/* Makes now the tables that renders with these options will use, and which the scene keeps; else
+   the first such render makes them. */
 ITN_API itn_result itn_scene_prepare(const itn_scene *scene, const float *theta,
                                      const itn_render_options *options, itn_error *error);
 
@@ -4183,7 +4183,7 @@ static void itn__sample_pixel(itn__walk *walk, uint64_t seed, int x, int y, int 
 
 /* ==================== PART III: SCENES, PICTURES, NETWORKS, SEARCHES, FILES =================== */
 
-/* ---- [means] text, threads, functions of lanes, parts of pictures --------------------------- */
+/* ---- [means] text, threads, functions of lanes ----------------------------------------------- */
 
 /* Text. Messages are composed and numbers read without the C library, whose decimal point is the
    locale's: here it is always a point.
@@ -4201,24 +4201,11 @@ typedef struct itn__prose {
     size_t size, length; /* length: of the whole text, though not all may fit */
 } itn__prose;
 
+static ITN__UNUSED void itn__say(itn__prose *prose, const char *format, ...) ITN__PRINTF(2, 3);
+
 static void itn__say_char(itn__prose *prose, char character) {
     if (prose->length < prose->size) prose->text[prose->length] = character;
     prose->length++;
-}
-
-static void itn__say_word(itn__prose *prose, const char *word, int most) {
-    for (; most != 0 && *word; most--) itn__say_char(prose, *word++);
-}
-
-/* An integer, with a point before its last `places` digits. */
-static void itn__say_digits(itn__prose *prose, uint64_t digits, int places) {
-    char reversed[48];
-    int n = 0;
-    for (int k = 0; k <= places || digits; k++, digits /= 10) {
-        if (k == places && places > 0) reversed[n++] = '.';
-        reversed[n++] = (char)('0' + digits % 10);
-    }
-    while (n > 0) itn__say_char(prose, reversed[--n]);
 }
 
 /* value 10^exponent */
@@ -4236,29 +4223,33 @@ static double itn__scale_by_power_of_ten(double value, int64_t exponent) {
 
 /* A number as %f shows it (from 1e15 on as %g), or as %g. */
 static void itn__say_number(itn__prose *prose, double value, int precision, int fixed) {
-    int places = precision < 0 ? 6 : precision < 15 ? precision : 15;
+    int places = precision < 0 ? 6 : precision < 15 ? precision : 15, exponent = 0, n = 0;
+    char reversed[48];
     if (value < 0) itn__say_char(prose, '-');
     value = fabs(value);
     if (!(value <= DBL_MAX)) {
-        itn__say_word(prose, value > 0 ? "inf" : "nan", -1);
+        itn__say(prose, "%s", value > 0 ? "inf" : "nan");
         return;
     }
-    if (fixed && value < itn__scale_by_power_of_ten(1, 15 - places)) {
-        itn__say_digits(prose, (uint64_t)rint(itn__scale_by_power_of_ten(value, places)), places);
-        return;
+    double digits = rint(itn__scale_by_power_of_ten(value, places));
+    if (!fixed || !(digits < 1e15)) {
+        if (fixed || places < 1) places = fixed ? 15 : 1;
+        exponent = value > 0 ? (int)floor(log10(value)) : 0;
+        digits = rint(itn__scale_by_power_of_ten(value, --places - exponent));
+        if (digits >= itn__scale_by_power_of_ten(1, places + 1)) digits /= 10, exponent++;
+        fixed = exponent >= -4 && exponent <= places;
+        if (fixed) places -= exponent;
+        for (; places > 0 && fmod(digits, 10) == 0; places--) digits /= 10;
     }
-    if (fixed || places < 1) places = fixed ? 15 : 1;
-    int exponent = value > 0 ? (int)floor(log10(value)) : 0;
-    double digits = rint(itn__scale_by_power_of_ten(value, --places - exponent));
-    if (digits >= itn__scale_by_power_of_ten(1, places + 1)) digits /= 10, exponent++;
-    fixed = exponent >= -4 && exponent <= places;
-    if (fixed) places -= exponent;
-    for (; places > 0 && fmod(digits, 10) == 0; places--) digits /= 10;
-    itn__say_digits(prose, (uint64_t)digits, places);
+    uint64_t rest = (uint64_t)digits;
+    for (int k = 0; k <= places || rest; k++, rest /= 10) {
+        if (k == places && places > 0) reversed[n++] = '.';
+        reversed[n++] = (char)('0' + rest % 10);
+    }
+    while (n > 0) itn__say_char(prose, reversed[--n]);
     if (fixed) return;
-    itn__say_word(prose, exponent < 0 ? "e-" : "e+", -1);
-    if (abs(exponent) < 10) itn__say_char(prose, '0');
-    itn__say_digits(prose, (uint64_t)abs(exponent), 0);
+    itn__say(prose, "e%c%s%d", exponent < 0 ? '-' : '+', abs(exponent) < 10 ? "0" : "",
+             abs(exponent));
 }
 
 /* Appends text as printf makes it: %s, %c, %d, %f and %g, with a precision or none, and %%. */
@@ -4276,22 +4267,20 @@ static ITN__COLD void itn__say_list(itn__prose *prose, const char *format, va_li
                 precision = 10 * precision + (*format - '0');
         }
         if (*format == 's') {
-            itn__say_word(prose, va_arg(arguments, const char *), precision);
-        } else if (*format == 'f' || *format == 'g') {
-            itn__say_number(prose, va_arg(arguments, double), precision, *format == 'f');
+            const char *word = va_arg(arguments, const char *);
+            for (; precision != 0 && *word; precision--) itn__say_char(prose, *word++);
         } else if (*format == 'c') {
             itn__say_char(prose, (char)va_arg(arguments, int));
+        } else if (*format == 'd') {
+            itn__say_number(prose, (double)va_arg(arguments, int), 0, 1);
         } else {
-            int number = va_arg(arguments, int);
-            if (number < 0) itn__say_char(prose, '-');
-            itn__say_digits(prose, (uint64_t)(number < 0 ? -(int64_t)number : number), 0);
+            itn__say_number(prose, va_arg(arguments, double), precision, *format == 'f');
         }
     }
     if (prose->size)
         prose->text[prose->length < prose->size ? prose->length : prose->size - 1] = 0;
 }
 
-static ITN__UNUSED void itn__say(itn__prose *prose, const char *format, ...) ITN__PRINTF(2, 3);
 static void itn__say(itn__prose *prose, const char *format, ...) {
     va_list arguments;
     va_start(arguments, format);
@@ -4300,8 +4289,7 @@ static void itn__say(itn__prose *prose, const char *format, ...) {
 }
 
 static size_t itn__print_list(char *text, size_t size, const char *format, va_list arguments) {
-    itn__prose prose;
-    prose.text = text, prose.size = size, prose.length = 0;
+    itn__prose prose = {text, size, 0};
     itn__say_list(&prose, format, arguments);
     return prose.length;
 }
@@ -4318,7 +4306,7 @@ static size_t itn__print(char *text, size_t size, const char *format, ...) {
 static const char *itn__parse_number(const char *at, const char *end, double *value) {
     uint64_t digits = 0;
     int64_t exponent = 0, power = 0;
-    int negative = at < end && *at == '-', dot = 0, any = 0, minus;
+    int negative = at < end && *at == '-', dot = 0, any = 0;
     for (at += at < end && (*at == '-' || *at == '+'); at < end; at++) {
         int digit = *at >= '0' && *at <= '9', fits = digits < 1000000000000000000u;
         if (!digit && (dot || *at != '.')) break;
@@ -4326,67 +4314,51 @@ static const char *itn__parse_number(const char *at, const char *end, double *va
         exponent += digit * (!fits - dot); /* of the last digit that fits */
         dot |= !digit, any |= digit;
     }
-    if (!any) return NULL;
-    if (at < end && (*at == 'e' || *at == 'E')) {
-        minus = ++at < end && *at == '-', any = 0;
+    if (any && at < end && (*at == 'e' || *at == 'E')) {
+        int minus = ++at < end && *at == '-';
+        any = 0;
         for (at += at < end && (*at == '-' || *at == '+'); at < end; at++, any = 1) {
             if (*at < '0' || *at > '9') break;
             if (power < INT_MAX) power = power * 10 + (*at - '0');
         }
-        if (!any) return NULL;
         exponent += minus ? -power : power;
     }
     *value = itn__scale_by_power_of_ten(negative ? -(double)digits : (double)digits, exponent);
-    return at;
+    return any ? at : NULL;
 }
 
 /* What many threads may do at once: add one to a number, which is returned as it was; set a pointer
    once, if it is NULL, and tell whether it was: so what a scene computes on demand is kept by the
-   first to finish; and take it away again. Other compilers have one thread, and keep nothing. */
+   first to finish; and take it away again. Other compilers have one thread. */
 #if defined(__GNUC__)
 #define itn__count_up(number) __atomic_fetch_add(number, 1, __ATOMIC_RELAXED)
 #define itn__once_get(shared) __atomic_load_n(shared, __ATOMIC_ACQUIRE)
 #define itn__once_take(shared) __atomic_exchange_n(shared, NULL, __ATOMIC_ACQ_REL)
-ITN__INLINE int itn__once_set(void **shared, void *made) {
-    void *expected = NULL;
-    return __atomic_compare_exchange_n(shared, &expected, made, 0, __ATOMIC_ACQ_REL,
-                                       __ATOMIC_ACQUIRE);
-}
+#define itn__once_set(shared, made) __sync_bool_compare_and_swap(shared, NULL, made)
 #elif defined(_MSC_VER)
 #include <intrin.h>
 #define itn__count_up(number) (_InterlockedIncrement(number) - 1)
 #define itn__once_get(shared) _InterlockedCompareExchangePointer(shared, NULL, NULL)
 #define itn__once_take(shared) _InterlockedExchangePointer(shared, NULL)
-#define itn__once_set(shared, made)                                                                \
-    (_InterlockedCompareExchangePointer(shared, made, NULL) == NULL)
+#define itn__once_set(shared, made) (!_InterlockedCompareExchangePointer(shared, made, NULL))
 #else
 #undef ITN_THREADS
 #define ITN__HOOK_THREADS 1
 #define itn__count_up(number) ((*(number))++)
-#define itn__once_get(shared) ((void)(shared), (void *)NULL)
-#define itn__once_take(shared) itn__once_get(shared)
-#define itn__once_set(shared, made) ((void)(shared), (void)(made), 0)
+#define itn__once_get(shared) (*(shared))
+#define itn__once_set(shared, made) (!*(shared) && (*(shared) = (made)) != NULL)
+static void *itn__once_take(void **shared) {
+    void *kept = *shared;
+    *shared = NULL;
+    return kept;
+}
 #endif
 #ifndef ITN__HOOK_THREADS
 #define ITN__HOOK_THREADS 32 /* at most */
 #endif
+enum { ITN__MOST_THREADS = 64 };
 
 #ifdef ITN_THREADS
-typedef struct itn__fork {
-    int count;
-    void (*body)(void *task, int index);
-    void *task;
-    long next; /* first index nobody has taken */
-} itn__fork;
-
-static void itn__fork_work(itn__fork *fork) {
-    for (;;) {
-        long index = itn__count_up(&fork->next);
-        if (index < 0 || index >= fork->count) return;
-        fork->body(fork->task, (int)index);
-    }
-}
-
 #ifdef _WIN32
 #ifndef WIN32_LEAN_AND_MEAN
 #define WIN32_LEAN_AND_MEAN
@@ -4396,46 +4368,45 @@ static void itn__fork_work(itn__fork *fork) {
 #endif
 #include <windows.h>
 typedef HANDLE itn__thread;
-static DWORD WINAPI itn__fork_entry(LPVOID fork) {
-    itn__fork_work((itn__fork *)fork);
-    return 0;
-}
-static int itn__thread_start(itn__thread *thread, itn__fork *fork) {
-    *thread = CreateThread(NULL, 0, itn__fork_entry, fork, 0, NULL);
-    return *thread != NULL;
-}
-static void itn__thread_join(itn__thread thread) {
-    WaitForSingleObject(thread, INFINITE);
-    CloseHandle(thread);
-}
-static int itn__processors(void) {
-    SYSTEM_INFO info;
-    GetSystemInfo(&info);
-    return (int)info.dwNumberOfProcessors;
-}
+#define ITN__THREAD_MAIN static DWORD WINAPI
+#define itn__thread_start(thread, work, task)                                                      \
+    ((*(thread) = CreateThread(NULL, 0, work, task, 0, NULL)) != NULL)
+#define itn__thread_join(thread) (WaitForSingleObject(thread, INFINITE), CloseHandle(thread))
 #else
 #include <pthread.h>
 #include <unistd.h>
 typedef pthread_t itn__thread;
-static void *itn__fork_entry(void *fork) {
-    itn__fork_work((itn__fork *)fork);
-    return NULL;
-}
-static int itn__thread_start(itn__thread *thread, itn__fork *fork) {
-    return pthread_create(thread, NULL, itn__fork_entry, fork) == 0;
-}
-static void itn__thread_join(itn__thread thread) { pthread_join(thread, NULL); }
+#define ITN__THREAD_MAIN static void *
+#define itn__thread_start(thread, work, task) (!pthread_create(thread, NULL, work, task))
+#define itn__thread_join(thread) pthread_join(thread, NULL)
+#endif
+
 static int itn__processors(void) {
-#ifdef _SC_NPROCESSORS_ONLN
+#if defined(_WIN32)
+    SYSTEM_INFO info;
+    GetSystemInfo(&info);
+    return (int)info.dwNumberOfProcessors;
+#elif defined(_SC_NPROCESSORS_ONLN)
     return (int)sysconf(_SC_NPROCESSORS_ONLN);
 #else
     return 1; /* some systems hide it where _POSIX_C_SOURCE is defined */
 #endif
 }
-#endif
-#endif /* ITN_THREADS */
 
-enum { ITN__MOST_THREADS = 64 };
+typedef struct itn__fork {
+    void (*body)(void *task, int index);
+    void *task;
+    int count;
+    long next; /* first index nobody has taken */
+} itn__fork;
+
+ITN__THREAD_MAIN itn__fork_work(void *shared) {
+    itn__fork *fork = (itn__fork *)shared;
+    long index;
+    while ((index = itn__count_up(&fork->next)) < fork->count) fork->body(fork->task, (int)index);
+    return 0;
+}
+#endif /* ITN_THREADS */
 
 /* How many threads run loops. */
 static int itn__loop_threads(const itn_context *context) {
@@ -4449,26 +4420,22 @@ static int itn__loop_threads(const itn_context *context) {
 
 static void itn__parallel_for(const itn_context *context, int count,
                               void (*body)(void *task, int index), void *task) {
-    int index = 0;
     if (context->parallel_for) {
         if (count > 0) context->parallel_for(count, body, task, context->parallel_user);
         return;
     }
 #ifdef ITN_THREADS
-    if (context->threads != 1 && count > 1) {
-        itn__thread thread[ITN__MOST_THREADS];
-        itn__fork fork;
-        int threads = itn__loop_threads(context), started = 0;
-        fork.count = count, fork.next = 0, fork.body = body, fork.task = task;
-        while (started < threads - 1 && started < count - 1 &&
-               itn__thread_start(&thread[started], &fork))
-            started++; /* a thread that cannot start leaves its share to the others */
-        itn__fork_work(&fork);
-        while (started > 0) itn__thread_join(thread[--started]);
-        return;
-    }
+    itn__thread thread[ITN__MOST_THREADS];
+    itn__fork fork = {body, task, count, 0};
+    int threads = count > 1 ? itn__loop_threads(context) : 1, started = 0;
+    while (started < threads - 1 && started < count - 1 &&
+           itn__thread_start(&thread[started], itn__fork_work, &fork))
+        started++; /* a thread that cannot start leaves its share to the others */
+    itn__fork_work(&fork);
+    while (started > 0) itn__thread_join(thread[--started]);
+#else
+    for (int i = 0; i < count; i++) body(task, i);
 #endif
-    for (; index < count; index++) body(task, index);
 }
 
 /* Elementary functions, without branches, tables or calls. Each one reduces its argument exactly,
@@ -4557,29 +4524,6 @@ ITN__INLINE itn__floats itn__vatan2(itn__floats y, itn__floats x) {
     angle = itn__select(steep, 1.57079637f - (angle + 4.37113883e-8f), angle); /* pi / 2 in two */
     angle = itn__select(itn__float_bits(x) >> 31, 3.14159274f - (angle + 8.74227766e-8f), angle);
     return itn__with_sign(angle, y);
-}
-
-/* Pixels and samples that are rendered together, and where a crowd has got to. */
-typedef struct itn__unit {
-    int x, y, side;   /* a square of pixels, of which some may be beyond the film */
-    int first, count; /* camera rays of each */
-    int next;         /* first that has not been started: pixel * count + ray */
-} itn__unit;
-
-/* Pixel number `cell` of a unit, by its place in the film. Returns 0 if that is beyond. */
-static int itn__unit_pixel(const itn_scene *scene, const itn__unit *unit, int cell, size_t *pixel) {
-    int x = unit->x + cell % unit->side, y = unit->y + cell / unit->side;
-    *pixel = (size_t)y * (size_t)scene->film.width + (size_t)x;
-    return x < scene->film.width && y < scene->film.height;
-}
-
-/* Samples of a pixel come in sets: a set is a Sobol sequence of its own ([sobol]), scrambled apart
-   from the others, so that their means are independent and tell the variance. Sets are of up to 16
-   samples, and there are four or more of them, unless there are fewer samples than that. */
-static int itn__set_size(int samples) {
-    int size = 16;
-    while (size > 1 && 4 * size > samples) size /= 2;
-    return size;
 }
 
 /* ---- [mesh] images, triangle meshes, and whether these are solids --------------------------- */
@@ -5795,47 +5739,52 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
     return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_scene_create: NULL argument");
 }
 
+/* Pixels and samples that are rendered together, and where a crowd has got to. */
+typedef struct itn__unit {
+    int x, y, side;   /* a square of pixels, of which some may be beyond the film */
+    int first, count; /* camera rays of each */
+    int next;         /* first that has not been started: pixel * count + ray */
+} itn__unit;
+
 typedef struct itn__worker {
-    itn__unit unit;
     itn__walk walk;           /* of the reference */
     itn__texels texels;       /* of it, if asked for */
     struct itn__crowd *crowd; /* of the fast walk */
-    float *values;            /* [camera rays of a unit][planes], sums over walks */
+    float *values; /* [planes] of a sample or, of the fast walk, [camera rays of a unit][planes], */
+    double *set;   /* [sums] of the set that is being added up */
     double collisions;
 } itn__worker;
 
 /* What is asked for in a render, and what is known while it runs, see [render]. */
 typedef struct itn__render {
     const itn_scene *scene;
-    struct itn__scratch *scratch; /* what all that follows is taken from, see [render] */
+    itn_render_options options; /* with a number in the place of each 0; spp: of a pixel, most */
+    const int *parameters;      /* [count] asked for */
+    int channels, count;
+    struct itn__scratch *scratch; /* what all that follows is taken from */
     float *theta;      /* a copy of the caller's, or the scene's own values */
     int *slots, *only; /* of each parameter: its place among those asked for, or -1; of each asked
                           for: the channel that it belongs to, or -1 for all */
-    int channels, count, max_scatter, fast, walks, sobol, baseline; /* see itn_render_options */
+    int fast, walks;   /* paths of a camera ray: one in the reference */
+    int least, set;    /* samples of a pixel, least; of them, in each set */
     size_t pixels;
-    int spp, least, set;   /* samples of a pixel: most, least; of them, in each set */
-    const int *samples_of; /* each pixel; NULL: spp */
-    double samples;        /* of all pixels */
-    uint64_t seed;
+    double samples;            /* of all pixels */
     const float *weights;      /* [channels][height][width], to fold with; NULL: planes are kept */
     const itn__texels *texels; /* to fold derivatives by these; NULL: none */
     int planes;          /* numbers of a sample: radiance, by channels, then derivatives, by
                             parameters and channels; */
     int sums;            /* of a pixel: as many; with weights derivatives only, folded */
     int side, unit_rays; /* pixels of a tile each way; samples of a pixel in a unit */
-    int tiles, chunks;   /* units of all pixels, and of all their samples */
+    int tiles, chunks;   /* of the picture; units of each */
     int first, end;      /* tiles that are being done, */
     long next;           /* of them the first that nobody has taken */
     int worker_count;
     itn__worker *workers;
-    double *totals; /* [height][width][sums][2]: sums of t, and of t^2 / n */
-    int (*progress)(void *user, double fraction);
-    void *progress_user;
-    double done, share; /* of what progress is told: before this render, and in it */
-    itn_render_stats stats, *report; /* report: where they go, or NULL */
+    double *totals;      /* [height][width][sums][2]: sums of t, and of t^2 / n */
+    double done, share;  /* of what progress is told: before this render, and in it */
+    itn_render_stats stats;
     /* of the fast walk: */
     const struct itn__voxels *voxels;
-    struct itn__voxels *own; /* the same, where the scene does not keep them; else NULL */
     struct itn__substance *substances; /* [1 + medium_count] */
     float constant[3];   /* sum of the lights that are everywhere the same; */
     int only_constant;   /* there is no other */
@@ -5852,7 +5801,18 @@ typedef struct itn__render {
 } itn__render;
 
 static int itn__pixel_samples(const itn__render *render, size_t pixel) {
-    return render->samples_of ? render->samples_of[pixel] : render->spp;
+    return render->options.samples ? render->options.samples[pixel] : render->options.spp;
+}
+
+/* Camera ray `number` of a unit: which of its pixel's samples it is, or -1 if there is none. */
+static int itn__unit_sample(const itn__render *render, const itn__unit *unit, int number,
+                            size_t *pixel) {
+    const itn_film_desc *film = &render->scene->film;
+    int cell = number / unit->count, sample = unit->first + number % unit->count;
+    int x = unit->x + cell % unit->side, y = unit->y + cell / unit->side;
+    if (x >= film->width || y >= film->height) return -1;
+    *pixel = (size_t)y * (size_t)film->width + (size_t)x;
+    return sample < itn__pixel_samples(render, *pixel) ? sample : -1;
 }
 
 #ifndef ITN_NO_FAST
@@ -6418,16 +6378,18 @@ static int itn__tables_level(const itn_scene *scene, const float *theta, double 
     return level;
 }
 
-/* Gets a render its tables: the scene's, or its own if the scene does not keep them. */
+/* Gets a render its tables, which the scene keeps. */
 static itn_result itn__tables_get(itn__render *render, itn_error *error) {
     const itn_scene *scene = render->scene;
     int level = itn__tables_level(scene, render->theta, render->samples * render->walks);
     itn_result result = ITN_OK;
+    itn__voxels *made = NULL;
+    if (!itn__once_get(&scene->kept[level])) {
+        result = itn__tables_make(scene, 16 << level, &made, error);
+        if (!result && !itn__once_set(&scene->kept[level], made))
+            itn__voxels_free(&scene->context, made); /* another render was first */
+    }
     render->voxels = (itn__voxels *)itn__once_get(&scene->kept[level]);
-    if (render->voxels) return ITN_OK;
-    result = itn__tables_make(scene, 16 << level, &render->own, error);
-    render->voxels = render->own;
-    if (!result && itn__once_set(&scene->kept[level], render->own)) render->own = NULL;
     return result;
 }
 
@@ -6597,7 +6559,7 @@ ITN__INLINE itn__floats itn__draw(const itn__crowd *crowd, itn__state *s, itn__i
     itn__floats u = itn__uniforms(itn__int_words(s->key0), itn__int_words(s->key1), &s->dimension,
                                   mask);
     itn__ints here = itn__int_less(s->dimension, itn__splat_int(ITN__SOBOL_DIMENSIONS + 1));
-    if (crowd->render->sobol && itn__mask_bits(here & mask))
+    if (crowd->render->options.sampler == ITN_SAMPLER_SOBOL && itn__mask_bits(here & mask))
         itn__early_draws(s, here & mask, &u);
     return u;
 }
@@ -7749,33 +7711,31 @@ static void itn__run_lanes(itn__crowd *crowd, itn__queue *queue, int number,
 
 /* ---- [picture] who does what of a picture ---------------------------------------------------- */
 
-/* The paths of a camera ray share what it meets. In a pixel whose rays all meet nothing, in light
-   that is everywhere the same, they are done before they start. */
+/* The paths of a camera ray share what it meets; one that meets nothing has one for all. */
 
-/* Starts a path of a sample of a pixel, by walk number `walk`; u receives the random numbers of its
+/* Starts a path of a sample of a pixel, by walk number `walk`, behind the two random numbers of its
    place in the pixel. */
-static itn__path *itn__start_path(itn__crowd *crowd, size_t pixel, int sample, int walk,
-                                  float u[2]) {
+static itn__path *itn__start_path(itn__crowd *crowd, size_t pixel, int sample, int walk) {
     const itn__render *render = crowd->render;
     itn__path *path = &crowd->paths[crowd->unused[--crowd->unused_count]];
-    itn__rng rng = itn__rng_make(render->seed, pixel, (uint64_t)(sample * render->walks + walk));
+    uint64_t seed = render->options.seed;
+    itn__rng rng = itn__rng_make(seed, pixel, (uint64_t)(sample * render->walks + walk));
+    itn__rng set = itn__rng_make(~seed, pixel, (uint64_t)(sample / render->set));
     memset(path, 0, ITN__ROWS * sizeof(float));
     path->owner = path, path->place = render->camera, path->mark = 0;
     path->scores = crowd->scores + (size_t)(path - crowd->paths) * (size_t)render->count;
-    for (int c = 0; c < render->count; c++) path->scores[c] = 0;
-    for (int c = 0; c < 3 && render->count; c++) {
-        int exposure = render->scene->camera.exposure[c], slot = render->slots[exposure];
-        if (slot >= 0) path->scores[slot] = 1 / render->theta[exposure];
+    for (int k = 0; k < render->count; k++) path->scores[k] = 0;
+    for (int c = 0; c < 3; c++) {
+        int exposure = render->scene->camera.exposure[c];
+        path->beta[c] = 1;
+        if (render->count && render->slots[exposure] >= 0)
+            path->scores[render->slots[exposure]] = 1 / render->theta[exposure];
     }
-    for (int c = 0; c < 3; c++) path->beta[c] = 1;
     path->pdf = INFINITY, path->copies = 1;
     path->up.y = 1; /* some plane, for paths that begin in a medium */
     path->index = sample % render->set * render->walks + walk;
-    path->scramble = (int32_t)itn__rng_make(~render->seed, pixel,
-                                            (uint64_t)(sample / render->set)).key0;
-    u[0] = itn__uniform(&rng), u[1] = itn__uniform(&rng);
-    path->key0 = (int32_t)rng.key0, path->key1 = (int32_t)rng.key1;
-    path->dimension = (int32_t)rng.dimension;
+    path->scramble = (int32_t)set.key0;
+    path->key0 = (int32_t)rng.key0, path->key1 = (int32_t)rng.key1, path->dimension = 2;
     return path;
 }
 
@@ -7796,38 +7756,34 @@ static void itn__see_through(itn__crowd *crowd, itn__path *path) {
     else itn__enqueue(crowd, &crowd->sky, path);
 }
 
-/* Starts the paths of the unit's next camera ray; those that see nothing need only one for all. */
+/* Starts the paths of the unit's next camera ray. */
 static void itn__start_ray(itn__crowd *crowd) {
     const itn__render *render = crowd->render;
-    itn__unit *unit = &crowd->unit;
-    int number = unit->next++, sample = unit->first + number % unit->count, walk;
+    int number = crowd->unit.next++, width = render->scene->film.width;
+    size_t pixel;
+    int sample = itn__unit_sample(render, &crowd->unit, number, &pixel);
+    if (sample < 0) return;
+    itn__path *path = itn__start_path(crowd, pixel, sample, 0), seen;
     itn__words index = itn__splat_word(sample % render->set);
-    itn__path *path, seen;
+    itn__rng rng = {(uint32_t)path->key0, (uint32_t)path->key1, 0};
     float u[2];
-    size_t pixel, width = (size_t)render->scene->film.width;
-    if (!itn__unit_pixel(render->scene, unit, number / unit->count, &pixel) ||
-        sample >= itn__pixel_samples(render, pixel))
-        return;
-    path = itn__start_path(crowd, pixel, sample, 0, u), path->number = number;
-    if (render->outside && render->voxels->pixels[pixel] &&
-        (render->only_constant || render->scene->camera.background >= 0)) {
-        itn__see_through(crowd, path);
-        return;
+    for (int k = 0; k < 2; k++) {
+        itn__floats x = itn__sobol(index, k, itn__splat_word(path->scramble));
+        u[k] = itn__uniform(&rng);
+        if (render->options.sampler == ITN_SAMPLER_SOBOL) u[k] = ITN__LANE(x, 0);
     }
-    itn__words seed = itn__splat_word(path->scramble);
-    itn__floats x = itn__sobol(index, 0, seed), y = itn__sobol(index, 1, seed);
-    if (render->sobol) u[0] = ITN__LANE(x, 0), u[1] = ITN__LANE(y, 0);
-    itn_ray ray = itn__camera_ray(&render->scene->camera, (int)(pixel % width),
-                                  (int)(pixel / width), u[0], u[1]);
+    itn_ray ray = itn__camera_ray(&render->scene->camera, (int)(pixel % (size_t)width),
+                                  (int)(pixel / (size_t)width), u[0], u[1]);
     path->p = ray.origin, path->d = ray.direction, path->distance = INFINITY;
     path->hit.triangle = -1;
     if (render->outside && !render->voxels->pixels[pixel]) itn__find_hit(render->scene, path);
-    if (render->outside && path->hit.triangle < 0) {
+    path->number = number, seen = *path;
+    if (render->outside && seen.hit.triangle < 0) {
         itn__see_through(crowd, path);
         return;
     }
-    for (seen = *path, walk = 0; walk < render->walks; walk++) {
-        if (walk) path = itn__start_path(crowd, pixel, sample, walk, u);
+    for (int walk = 0; walk < render->walks; walk++) {
+        if (walk) path = itn__start_path(crowd, pixel, sample, walk);
         path->p = seen.p, path->d = seen.d, path->hit = seen.hit, path->number = number;
         if (render->outside) itn__meet(crowd, 0, path);
         else itn__depart(crowd, path);
@@ -7903,7 +7859,8 @@ static void itn__fast_know(itn__render *render) {
     render->roulette = render->count ? ITN__ROULETTE / 2 : ITN__ROULETTE;
     /* it pays with one medium in light that is everywhere the same, and many paths; derivatives
        have learnt V anyway */
-    render->controls = render->baseline && render->only_constant && scene->medium_count == 1 &&
+    render->controls = render->options.estimator == ITN_ESTIMATOR_BASELINE &&
+                       render->only_constant && scene->medium_count == 1 &&
                        render->samples * render->walks >=
                            (render->count ? 1 : 4) * ITN__LESSONS;
     render->rows = render->count ? ITN__ROWS : render->controls ? ITN__VALUE_ROWS : ITN__FEW_ROWS;
@@ -7928,45 +7885,58 @@ static void itn__fast_know(itn__render *render) {
    one, unless it is large. Of several renders at once one has it, and the others allocate. */
 typedef struct itn__scratch {
     itn__kept kept;
-    const itn_context *context;
     size_t size, used, most;   /* bytes; of them, or in pieces of their own, taken; ever taken */
     struct itn__scratch *more; /* such pieces */
 } itn__scratch;
 enum { ITN__PIECE = 64, ITN__KEPT_BYTES = 4 << 20 }; /* kept for each thread */
 
 static void itn__scratch_free(const itn_context *context, void *kept) {
-    itn__scratch *scratch = (itn__scratch *)kept, *more;
-    for (; scratch; scratch = more) more = scratch->more, itn__free(context, scratch);
+    while (kept) {
+        void *more = ((itn__scratch *)kept)->more;
+        itn__free(context, kept);
+        kept = more;
+    }
 }
 
 static itn__scratch *itn__scratch_make(const itn_context *context, size_t size) {
-    itn__scratch *scratch = (itn__scratch *)itn__allocate_raw(context, ITN__PIECE + size);
-    if (!scratch) return NULL;
-    memset(scratch, 0, sizeof *scratch);
-    scratch->kept.release = itn__scratch_free;
-    scratch->context = context, scratch->size = size;
-    return scratch;
+    itn__scratch *made = (itn__scratch *)itn__allocate_raw(context, ITN__PIECE + size);
+    const itn__scratch empty = {{itn__scratch_free}, size, 0, 0, NULL};
+    if (made) *made = empty;
+    return made;
 }
 
-/* Takes count * size bytes; returns NULL if that overflows or memory is out. */
-static void *itn__take_raw(itn__scratch *scratch, size_t count, size_t size) {
-    itn__scratch *from = scratch;
+/* Takes count * size zeroed bytes; returns NULL if that overflows or memory is out. */
+#define ITN__TAKE(type, render, count) ((type *)itn__take(render, (size_t)(count), sizeof(type)))
+static void *itn__take(const itn__render *render, size_t count, size_t size) {
+    itn__scratch *scratch = render->scratch, *from = scratch;
     size_t at = scratch->used;
     if (size && count > SIZE_MAX / 4 / size) return NULL;
     size_t bytes = (count * size + ITN__PIECE - 1) / ITN__PIECE * ITN__PIECE;
     if (at + bytes > scratch->size) {
-        from = itn__scratch_make(scratch->context, bytes), at = 0;
+        from = itn__scratch_make(&render->scene->context, bytes), at = 0;
         if (!from) return NULL;
         from->more = scratch->more, scratch->more = from;
     }
     scratch->used += bytes;
     if (scratch->most < scratch->used) scratch->most = scratch->used;
-    return (char *)from + ITN__PIECE + at;
+    return memset((char *)from + ITN__PIECE + at, 0, bytes);
 }
 
-/* The same, zeroed. */
-static void *itn__take(itn__scratch *scratch, size_t count, size_t size) {
-    return itn__zero(itn__take_raw(scratch, count, size), count * size);
+/* Ends a render: tells what it did, and gives its memory to the scene. */
+static itn_result itn__render_end(itn__render *render, itn_result result) {
+    itn__scratch *scratch = render->scratch;
+    if (!scratch) return result;
+    const itn_scene *scene = render->scene;
+    size_t most = scratch->most, threads = (size_t)itn__loop_threads(&scene->context);
+    int keep = !result && most / ITN__KEPT_BYTES < threads;
+    if (!result && render->options.stats) *render->options.stats = render->stats;
+    if (scratch->more || !keep) {
+        itn__scratch_free(&scene->context, scratch);
+        scratch = keep ? itn__scratch_make(&scene->context, most) : NULL;
+    }
+    if (scratch && !itn__once_set(&scene->kept[ITN__SCRATCH], scratch))
+        itn__scratch_free(&scene->context, scratch);
+    return result;
 }
 
 /* Why the scene cannot be differentiated in the index of surface `asked`, and where; NULL: it can.
@@ -7982,67 +7952,26 @@ static const char *itn__ior_flaw(const itn__render *render, int asked, const cha
                "rough surface (alpha > 0) can be differentiated";
     if (ior - 1 <= ITN__SAME_INDEX)
         return "at index 1 the surface vanishes; differentiate at 1.001 or more";
-    for (int i = 0; i < scene->object_count; i++)
-        for (int j = 0; j < scene->object_count; j++) {
-            int other = scene->objects[j].surface;
-            if (scene->objects[i].surface != asked || !(scene->objects[i].dielectrics >> j & 1) ||
-                (surfaces[other].alpha >= 0 &&
-                 (other == asked ||
-                  fabsf(render->theta[surfaces[other].ior] - ior) > ITN__SAME_INDEX * ior)))
-                continue;
-            *where = surfaces[other].name;
-            return "where solids meet, all must be rough and of different index; this is not: ";
-        }
+    for (int i = 0; i < scene->object_count * scene->object_count; i++) {
+        const itn__object *object = &scene->objects[i / scene->object_count];
+        int j = i % scene->object_count, other = scene->objects[j].surface;
+        if (object->surface != asked || !(object->dielectrics & itn__object_bit(j))) continue;
+        float beyond = render->theta[surfaces[other].ior];
+        if (surfaces[other].alpha >= 0 &&
+            (other == asked || fabsf(beyond - ior) > ITN__SAME_INDEX * ior)) continue;
+        *where = surfaces[other].name;
+        return "where solids meet, all must be rough and of different index; this is not: ";
+    }
     return NULL;
 }
 
-/* Whether the fast walk can differentiate in a parameter at this value: in all but indices, where
-   the factor that it is in is not 0 (a light's scale) or next to it (a share), and free paths are
-   not too long. */
-static int itn__fast_derivative(const itn_scene *scene, int parameter, float value) {
-    return !itn__is_a(scene, parameter, 'N') &&
-           (!itn__is_a(scene, parameter, 'S') || value >= .01f) &&
-           (!itn__is_a(scene, parameter, 'R') || value >= .25f / scene->radius) &&
-           (!itn__is_a(scene, parameter, 'L') || value > 0);
-}
-
-/* Chooses who renders: the fast walk, unless it cannot. */
-static itn_result itn__choose_walk(itn__render *render, itn_mode mode, const int *parameters,
-                                   itn_error *error) {
-    const itn_scene *scene = render->scene;
-    const char *of = "", *lacks = scene->spectral ? "do media that differ between channels"
-                         : scene->leaky ? "go through holes of a mesh that was forced"
-                         : render->max_scatter ? "limit the number of scatterings" : NULL;
-    for (int k = 0; k < render->count; k++)
-        if (!itn__fast_derivative(scene, parameters[k], render->theta[parameters[k]]))
-            lacks = "differentiate here in ", of = scene->parameters[parameters[k]].name;
-#ifdef ITN_NO_FAST
-    lacks = "be used: it is not built in";
-#endif
-    render->fast = mode != ITN_MODE_REFERENCE && !lacks;
-    if (mode == ITN_MODE_FAST && lacks)
-        return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
-                         "render: the fast walk cannot %s%s; the reference can", lacks, of);
-    return ITN_OK;
-}
-
-static itn_result itn__check_theta(const itn_scene *scene, const float *theta, itn_error *error) {
-    for (int i = 0; i < scene->parameter_count; i++) {
-        const itn_parameter *p = &scene->parameters[i];
-        if (!(theta[i] >= p->lower && theta[i] <= p->upper))
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s = %g is not in [%g, %g]", p->name,
-                             (double)theta[i], (double)p->lower, (double)p->upper);
-    }
-    return ITN_OK;
-}
-
 /* Gives each parameter asked for its slot, if the scene can be differentiated in it. */
-static itn_result itn__ask(itn__render *render, const int *parameters, itn_error *error) {
+static itn_result itn__ask(itn__render *render, itn_error *error) {
     const itn_scene *scene = render->scene;
     const char *flaw = NULL, *where;
     for (int k = 0; k < scene->parameter_count; k++) render->slots[k] = -1;
     for (int k = 0; k < render->count; k++) {
-        int asked = parameters[k];
+        int asked = render->parameters[k];
         if (asked < 0 || asked >= scene->parameter_count || render->slots[asked] >= 0)
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                              "render: parameter index %d is out of range or asked for twice",
@@ -8059,80 +7988,127 @@ static itn_result itn__ask(itn__render *render, const int *parameters, itn_error
     return ITN_OK;
 }
 
-static itn_result itn__check_options(const itn_render_options *options, itn_error *error) {
+/* Whether the fast walk can differentiate in a parameter at this value: in all but indices, where
+   the factor that it is in is not 0 (a light's scale) or next to it (a share), and free paths are
+   not too long. */
+static int itn__fast_derivative(const itn_scene *scene, int parameter, float value) {
+    return !itn__is_a(scene, parameter, 'N') &&
+           (!itn__is_a(scene, parameter, 'S') || value >= .01f) &&
+           (!itn__is_a(scene, parameter, 'R') || value >= .25f / scene->radius) &&
+           (!itn__is_a(scene, parameter, 'L') || value > 0);
+}
+
+/* Chooses who renders: the fast walk, unless it cannot; and how many samples make a set: up to 16,
+   and there are four sets or more, unless there are fewer samples than that. */
+static itn_result itn__choose_walk(itn__render *render, itn_error *error) {
+    const itn_scene *scene = render->scene;
+    const itn_render_options *o = &render->options;
+    int set = 16;
+    const char *of = "", *lacks = scene->spectral ? "do media that differ between channels"
+                         : scene->leaky ? "go through holes of a mesh that was forced"
+                         : o->max_scatter ? "limit the number of scatterings" : NULL;
+    for (int k = 0; k < render->count; k++) {
+        int asked = render->parameters[k];
+        if (!itn__fast_derivative(scene, asked, render->theta[asked]))
+            lacks = "differentiate here in ", of = scene->parameters[asked].name;
+    }
+    if (render->texels) lacks = "differentiate in the values of an image";
+#ifdef ITN_NO_FAST
+    lacks = "be used: it is not built in";
+#endif
+    if (o->mode == ITN_MODE_FAST && lacks)
+        return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
+                         "render: the fast walk cannot %s%s; the reference can", lacks, of);
+    render->fast = o->mode != ITN_MODE_REFERENCE && !lacks;
+    render->walks = render->fast ? o->walks : 1;
+    while (set > 1 && 4 * set > render->least) set /= 2;
+    if (!render->fast) set = scene->spectral && set > 1 ? 3 : 1;
+    render->set = render->fast && o->sampler == ITN_SAMPLER_RANDOM ? 1 : set;
+    if (o->spp > INT_MAX / render->walks)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "render: too many samples");
+    return ITN_OK;
+}
+
+static itn_result itn__check_theta(const itn_scene *scene, const float *theta, itn_error *error) {
+    for (int i = 0; i < scene->parameter_count; i++) {
+        const itn_parameter *p = &scene->parameters[i];
+        if (!(theta[i] >= p->lower && theta[i] <= p->upper))
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s = %g is not in [%g, %g]", p->name,
+                             (double)theta[i], (double)p->lower, (double)p->upper);
+    }
+    return ITN_OK;
+}
+
+/* Checks a render's options and weights (or target), and puts defaults in the place of zeros. */
+static itn_result itn__check_options(itn__render *render, itn_error *error) {
+    itn_render_options *o = &render->options;
+    const int most = 1 << 24;
     const struct {
         const char *name;
         int value, upper;
-    } rows[6] = {{"spp", options->spp, INT_MAX},
-                 {"max_scatter", options->max_scatter, INT_MAX},
-                 {"walks", options->walks, 256},
-                 {"mode", (int)options->mode, ITN_MODE_FAST},
-                 {"sampler", (int)options->sampler, ITN_SAMPLER_RANDOM},
-                 {"estimator", (int)options->estimator, ITN_ESTIMATOR_SCORE}};
+    } rows[6] = {{"spp", o->spp, INT_MAX},
+                 {"max_scatter", o->max_scatter, INT_MAX},
+                 {"walks", o->walks, 256},
+                 {"mode", (int)o->mode, ITN_MODE_FAST},
+                 {"sampler", (int)o->sampler, ITN_SAMPLER_RANDOM},
+                 {"estimator", (int)o->estimator, ITN_ESTIMATOR_SCORE}};
     for (int k = 0; k < 6; k++)
         if (rows[k].value < 0 || rows[k].value > rows[k].upper)
             return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "render: %s = %d is not in [0, %d]",
                              rows[k].name, rows[k].value, rows[k].upper);
-    if (options->samples)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "render: samples by pixel are for itn_render alone");
+    if (!o->spp) o->spp = 64;
+    if (!o->walks) o->walks = 4;
+    render->least = o->spp, render->samples = (double)render->pixels * o->spp;
+    if (o->samples) render->least = most, render->samples = o->spp = 0;
+    for (size_t i = 0; i < render->pixels && o->samples; i++) {
+        int samples = o->samples[i];
+        if (samples < 1 || samples > most)
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                             "render: samples[%d] = %d is not in [1, %d]", (int)i, samples, most);
+        if (samples < render->least) render->least = samples;
+        if (samples > o->spp) o->spp = samples;
+        render->samples += samples;
+    }
+    for (size_t i = 0; render->weights && i < render->pixels * (size_t)render->channels; i++)
+        if (!itn__finite(render->weights[i]))
+            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                             "render: value %d of the weights or the target is not finite",
+                             (int)i);
     return ITN_OK;
 }
 
-/* Takes a request in and checks it. */
+/* Takes a request in and checks it. weights, [channels][height][width]: to fold derivatives with,
+   or the target that they will come from; NULL: images are asked for. */
 static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
                                     const float *theta, const itn_render_options *options,
-                                    const int *parameters, int count, itn_error *error) {
-    const itn_render_options all = ITN_ZERO, *o = options ? options : &all;
+                                    const int *parameters, int count, const float *weights,
+                                    itn_error *error) {
     memset(render, 0, sizeof *render);
     if (!scene || count < 0 || (count && !parameters) || count > scene->parameter_count)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "render: scene or parameters missing, or count %d out of range", count);
-    itn_result result = itn__check_options(o, error);
-    if (result) return result;
-    render->scene = scene, render->channels = scene->film.channels, render->count = count;
+    if (options) render->options = *options;
+    render->scene = scene, render->channels = scene->film.channels;
+    render->parameters = parameters, render->count = count, render->share = 1;
     render->pixels = (size_t)scene->film.width * (size_t)scene->film.height;
-    render->planes = render->sums = render->channels * (1 + count);
-    render->spp = render->least = o->spp ? o->spp : 64, render->walks = o->walks ? o->walks : 4;
-    render->samples = (double)render->pixels * render->spp;
-    render->seed = o->seed, render->max_scatter = o->max_scatter;
-    render->sobol = o->sampler != ITN_SAMPLER_RANDOM;
-    render->baseline = o->estimator != ITN_ESTIMATOR_SCORE;
-    render->progress = o->progress, render->progress_user = o->progress_user, render->share = 1;
-    render->report = o->stats;
+    render->planes = render->channels * (1 + count), render->weights = weights;
+    render->sums = weights ? count : render->planes;
+    itn_result result = itn__check_options(render, error);
+    if (result) return result;
     render->scratch = (itn__scratch *)itn__once_take(&scene->kept[ITN__SCRATCH]);
     if (!render->scratch) render->scratch = itn__scratch_make(&scene->context, 0);
     if (!render->scratch) return itn__out_of_memory(error, "a render");
-    size_t size = (size_t)scene->parameter_count;
-    render->theta = (float *)itn__take(render->scratch, size, sizeof(float));
-    render->slots = (int *)itn__take(render->scratch, size, sizeof(int));
-    render->only = (int *)itn__take(render->scratch, size, sizeof(int));
+    render->scratch->used = render->scratch->most = 0;
+    render->theta = ITN__TAKE(float, render, scene->parameter_count);
+    render->slots = ITN__TAKE(int, render, scene->parameter_count);
+    render->only = ITN__TAKE(int, render, scene->parameter_count);
     if (!render->theta || !render->slots || !render->only)
         return itn__out_of_memory(error, "a render");
-    if (theta) memcpy(render->theta, theta, size * sizeof(float));
+    if (theta) memcpy(render->theta, theta, (size_t)scene->parameter_count * sizeof(float));
     else itn_parameter_values(scene, render->theta);
     result = itn__check_theta(scene, render->theta, error);
-    if (!result) result = itn__ask(render, parameters, error);
-    return result ? result : itn__choose_walk(render, o->mode, parameters, error);
-}
-
-/* Ends a render: tells what it did, and gives its memory to the scene. */
-static itn_result itn__render_end(itn__render *render, itn_result result) {
-    const itn_scene *scene = render->scene;
-    itn__scratch *scratch = render->scratch;
-    size_t most = scratch ? scratch->most : 0;
-    int keep = !result;
-    if (!result && render->report) *render->report = render->stats;
-    if (!scratch) return result;
-    if (most / ITN__KEPT_BYTES >= (size_t)itn__loop_threads(&scene->context)) keep = 0;
-    if (scratch->more || !keep) {
-        itn__scratch_free(&scene->context, scratch);
-        scratch = keep ? itn__scratch_make(&scene->context, most) : NULL;
-    }
-    if (scratch) scratch->used = scratch->most = 0;
-    if (scratch && !itn__once_set(&scene->kept[ITN__SCRATCH], scratch))
-        itn__scratch_free(&scene->context, scratch);
-    return result;
+    if (!result) result = itn__ask(render, error);
+    return result ? result : itn__choose_walk(render, error);
 }
 
 /* A walk of the reference, with memory for the scores of a path, those of a shadow ray, and
@@ -8141,175 +8117,144 @@ static int itn__walk_make(itn__walk *walk, const itn__render *render, itn__texel
     memset(walk, 0, sizeof *walk);
     walk->scene = render->scene, walk->theta = render->theta, walk->slots = render->slots;
     walk->channels = render->channels, walk->count = walk->score_count = render->count;
-    walk->max_scatter = render->max_scatter, walk->texels = texels;
+    walk->max_scatter = render->options.max_scatter, walk->texels = texels;
     if (texels && texels->texture) walk->score_count += ITN__TOUCHES;
-    for (int k = 0; k < render->scene->parameter_count && render->count; k++) {
-        float faint = itn__is_a(render->scene, k, 'S') ? .1f : 0;
-        if (itn__is_a(render->scene, k, 'R')) faint = .025f / render->scene->radius;
-        if (render->slots[k] >= 0 && render->theta[k] < faint) walk->sheltered = 6;
+    for (int k = 0; k < render->count; k++) {
+        int asked = render->parameters[k];
+        float faint = itn__is_a(render->scene, asked, 'S') ? .1f : 0;
+        if (itn__is_a(render->scene, asked, 'R')) faint = .025f / render->scene->radius;
+        if (render->theta[asked] < faint) walk->sheltered = 6;
     }
-    size_t block = (size_t)walk->channels * (size_t)walk->score_count;
-    walk->weight.score = (float *)itn__take(render->scratch, block, 3 * sizeof(float));
-    walk->connection.score = walk->weight.score ? walk->weight.score + block : NULL;
-    walk->derivative = walk->weight.score ? walk->connection.score + block : NULL;
-    return walk->weight.score != NULL;
-}
-
-/* A path ends: what it has gathered, times the weight of its pixel in each channel, goes to sums of
-   it and of its square. Each worker has sums of its own, as many as fit into so many values; which
-   one a pixel belongs to depends on its tile alone, and so do the bits of the result. */
-enum { ITN__TEXEL_COPIES = 16, ITN__TEXEL_VALUES = 4 << 20 };
-
-static void itn__texels_end(itn__texels *texels, const float *weight, size_t plane,
-                            double per_path) {
-    for (int k = 0; k < texels->touched_count; k++) {
-        size_t at = (size_t)texels->touched[k], c = at / (size_t)texels->count;
-        double value = (double)weight[c * plane] * texels->path[at] * per_path;
-        texels->sums[at] += value, texels->squares[at] += value * value, texels->path[at] = 0;
-    }
-    texels->touched_count = 0;
-}
-
-/* Makes sums for these texels. Returns 0 if there is no memory. */
-static int itn__texels_make(const itn__render *render, itn__texels *texels) {
-    size_t values = (size_t)render->channels * (size_t)render->texels->count;
-    *texels = *render->texels;
-    texels->path = (float *)itn__take(render->scratch, values, sizeof(float));
-    texels->touched = (int *)itn__take(render->scratch, values, sizeof(int));
-    texels->sums = (double *)itn__take(render->scratch, values, 2 * sizeof(double));
-    texels->squares = texels->sums ? texels->sums + values : NULL;
-    return values <= INT_MAX && texels->path && texels->touched && texels->sums;
-}
-
-/* The samples of a unit by the reference. */
-static void itn__walk_unit(const itn__render *render, itn__worker *worker) {
-    const itn__unit *unit = &worker->unit;
-    int channels = render->channels;
-    itn__walk *walk = &worker->walk;
-    float *values = worker->values;
-    size_t pixel, width = (size_t)render->scene->film.width;
-    for (int number = 0; number < unit->side * unit->side * unit->count; number++) {
-        int seen = itn__unit_pixel(render->scene, unit, number / unit->count, &pixel);
-        int sample = unit->first + number % unit->count;
-        if (seen && sample < itn__pixel_samples(render, pixel)) {
-            itn__sample_pixel(walk, render->seed, (int)(pixel % width), (int)(pixel / width),
-                              sample);
-            memcpy(values, walk->radiance, (size_t)channels * sizeof(float));
-            memcpy(values + channels, walk->derivative,
-                   (size_t)(channels * walk->count) * sizeof(float));
-            if (walk->texels)
-                itn__texels_end(walk->texels, render->weights + pixel, render->pixels,
-                                1. / render->spp);
-        }
-        values += render->planes;
-    }
-    worker->collisions = walk->collisions;
-}
-
-/* What sum k has of a sample, from its planes: one of them, or a derivative folded. */
-static double itn__folded(const itn__render *render, size_t pixel, const float *values, int k) {
-    double sum = 0;
-    if (!render->weights) return (double)values[k];
-    for (int c = 0; c < render->channels; c++)
-        sum += (double)render->weights[(size_t)c * render->pixels + pixel] *
-               (double)values[render->channels * (1 + k) + c];
-    return sum;
-}
-
-/* Adds what a unit's samples brought to the totals, set by set. */
-static void itn__sum_unit(const itn__render *render, const itn__worker *worker) {
-    const itn__unit *unit = &worker->unit;
-    const float *values = worker->values;
-    size_t pixel, planes = (size_t)render->planes, sums = (size_t)render->sums;
-    for (int cell = 0; cell < unit->side * unit->side;
-         cell++, values += planes * (size_t)unit->count) {
-        int seen = itn__unit_pixel(render->scene, unit, cell, &pixel);
-        if (!seen) continue;
-        int count = itn__pixel_samples(render, pixel) - unit->first;
-        if (count > unit->count) count = unit->count;
-        for (int k = 0; k < render->sums; k++) {
-            double *totals = render->totals + 2 * (pixel * sums + (size_t)k), sum = 0;
-            for (int ray = 0; ray < count; ray++) {
-                int n = ray % render->set + 1;
-                sum += itn__folded(render, pixel, values + (size_t)ray * planes, k);
-                if (n < render->set && ray + 1 < count) continue;
-                totals[0] += sum, totals[1] += sum * sum / (n * render->walks), sum = 0;
-            }
-        }
-    }
-}
-
-static itn__unit itn__unit_make(const itn__render *render, int tile, int chunk) {
-    int row = (render->scene->film.width - 1) / render->side + 1;
-    itn__unit unit;
-    unit.x = tile % row * render->side, unit.y = tile / row * render->side;
-    unit.side = render->side, unit.next = 0;
-    unit.first = chunk * render->unit_rays, unit.count = render->spp - unit.first;
-    if (unit.count > render->unit_rays) unit.count = render->unit_rays;
-    return unit;
-}
-
-/* The tile that a worker does next: the first that nobody has. Of sums by texels, whose order
-   counts, each worker has every so many-th. */
-static int itn__next_tile(itn__render *render, int tile, int index) {
-    if (!render->texels) return (int)itn__count_up(&render->next);
-    while (++tile % render->worker_count != index) {}
-    return tile;
-}
-
-static void itn__render_worker(void *task, int index) {
-    itn__render *render = (itn__render *)task;
-    itn__worker *worker = &render->workers[index];
-    size_t size = (size_t)(render->side * render->side * render->unit_rays * render->planes);
-    int tile = itn__next_tile(render, render->first - 1, index);
-    for (; tile < render->end; tile = itn__next_tile(render, tile, index))
-        for (int chunk = 0; chunk < render->chunks; chunk++) {
-            memset(worker->values, 0, size * sizeof(float));
-            worker->unit = itn__unit_make(render, tile, chunk);
-#ifndef ITN_NO_FAST
-            if (render->fast) {
-                worker->crowd->unit = worker->unit;
-                itn__run_unit(worker->crowd);
-                worker->collisions = worker->crowd->collisions;
-            }
-#endif
-            if (!render->fast) itn__walk_unit(render, worker);
-            itn__sum_unit(render, worker);
-        }
+    walk->weight.score = ITN__TAKE(float, render, walk->channels * walk->score_count);
+    walk->connection.score = ITN__TAKE(float, render, walk->channels * walk->score_count);
+    walk->derivative = ITN__TAKE(float, render, walk->channels * walk->count);
+    return walk->weight.score && walk->connection.score && walk->derivative;
 }
 
 #ifndef ITN_NO_FAST
 /* Makes a crowd that leaves what its units bring in `radiance`; NULL if there is no memory. */
 static itn__crowd *itn__crowd_make(const itn__render *render, float *radiance) {
-    size_t substances = 1 + (size_t)render->scene->medium_count, count = (size_t)render->count;
-    itn__crowd *crowd = (itn__crowd *)itn__take_raw(render->scratch, 1, sizeof *crowd);
-    if (!crowd) return NULL;
-    for (int i = 0; i < ITN__CROWD; i++) crowd->unused[i] = ITN__CROWD - 1 - i;
-    for (int i = 0; i < ITN__CROWD && render->learning; i++) crowd->paths[i].mark = 0;
-    crowd->unused_count = ITN__CROWD, crowd->ray_count = 0;
-    crowd->exact.count = crowd->sky.count = 0, crowd->collisions = 0;
+    int substances = 1 + render->scene->medium_count;
+    itn__crowd *crowd = ITN__TAKE(itn__crowd, render, 1);
+    itn__queue *queues = ITN__TAKE(itn__queue, render, substances + render->scene->surface_count);
+    float *scores = ITN__TAKE(float, render, 2 * ITN__CROWD * render->count);
+    double *lessons = ITN__TAKE(double, render,
+                                render->learning ? substances * ITN__LESSON_SUMS : 0);
+    if (!crowd || !queues || !scores || !lessons) return NULL;
     crowd->render = render, crowd->radiance = radiance;
-    crowd->walk = (itn__queue *)itn__take(
-        render->scratch, substances + (size_t)render->scene->surface_count, sizeof(itn__queue));
-    crowd->scores = (float *)itn__take(render->scratch, 2 * ITN__CROWD, count * sizeof(float));
-    crowd->lessons = (double *)itn__take(render->scratch, render->learning ? substances : 0,
-                                         ITN__LESSON_SUMS * sizeof(double));
-    crowd->surface = crowd->walk ? crowd->walk + substances : NULL;
-    return crowd->walk && crowd->scores && crowd->lessons ? crowd : NULL;
+    crowd->walk = queues, crowd->surface = queues + substances;
+    crowd->scores = scores, crowd->lessons = lessons;
+    for (int i = 0; i < ITN__CROWD; i++) crowd->unused[i] = ITN__CROWD - 1 - i;
+    crowd->unused_count = ITN__CROWD;
+    return crowd;
 }
 #endif
 
+/* Of texels each worker has sums of its own, up to so many workers and values of all; which one a
+   pixel belongs to depends on its tile alone, and so do the bits of the result. */
+enum { ITN__TEXEL_COPIES = 16, ITN__TEXEL_VALUES = 4 << 20 };
+
 /* Makes a worker for units of so many camera rays. Returns 0 if there is no memory. */
 static int itn__worker_make(const itn__render *render, itn__worker *worker, int rays) {
-    worker->values = (float *)itn__take_raw(render->scratch, (size_t)rays,
-                                            (size_t)render->planes * sizeof(float));
-    if (!worker->values) return 0;
+    itn__texels *texels = render->texels ? &worker->texels : NULL;
+    worker->values = ITN__TAKE(float, render, (size_t)rays * (size_t)render->planes);
+    worker->set = ITN__TAKE(double, render, render->sums);
+    if (!worker->values || !worker->set) return 0;
 #ifndef ITN_NO_FAST
     if (render->fast)
         return (worker->crowd = itn__crowd_make(render, worker->values)) != NULL;
 #endif
-    if (render->texels && !itn__texels_make(render, &worker->texels)) return 0;
-    return itn__walk_make(&worker->walk, render, render->texels ? &worker->texels : NULL);
+    if (texels) {
+        size_t values = (size_t)render->channels * (size_t)render->texels->count;
+        *texels = *render->texels;
+        texels->path = ITN__TAKE(float, render, values);
+        texels->touched = ITN__TAKE(int, render, values);
+        texels->sums = ITN__TAKE(double, render, 2 * values);
+        if (values > INT_MAX || !texels->path || !texels->touched || !texels->sums) return 0;
+        texels->squares = texels->sums + values;
+    }
+    return itn__walk_make(&worker->walk, render, texels);
+}
+
+static itn__unit itn__unit_make(const itn__render *render, int tile, int chunk) {
+    int row = (render->scene->film.width - 1) / render->side + 1;
+    int first = chunk * render->unit_rays, left = render->options.spp - first;
+    itn__unit unit = {tile % row * render->side, tile / row * render->side, render->side, first,
+                      left < render->unit_rays ? left : render->unit_rays, 0};
+    return unit;
+}
+
+/* A sample by the reference. What its path adds to derivatives by texels, times the weight of the
+   pixel in each channel, goes to sums of it and of its square. */
+static void itn__walk_sample(const itn__render *render, itn__worker *worker, size_t pixel,
+                             int sample) {
+    itn__walk *walk = &worker->walk;
+    itn__texels *texels = walk->texels;
+    size_t width = (size_t)render->scene->film.width, channels = (size_t)render->channels;
+    itn__sample_pixel(walk, render->options.seed, (int)(pixel % width), (int)(pixel / width),
+                      sample);
+    worker->collisions = walk->collisions;
+    memcpy(worker->values, walk->radiance, channels * sizeof(float));
+    memcpy(worker->values + channels, walk->derivative,
+           channels * (size_t)walk->count * sizeof(float));
+    for (int k = 0; texels && k < texels->touched_count; k++) {
+        size_t at = (size_t)texels->touched[k], c = at / (size_t)texels->count;
+        double value = (double)render->weights[c * render->pixels + pixel] * texels->path[at];
+        value *= 1. / itn__pixel_samples(render, pixel);
+        texels->sums[at] += value, texels->squares[at] += value * value, texels->path[at] = 0;
+    }
+    if (texels) texels->touched_count = 0;
+}
+
+/* Adds a sample's planes, or derivatives folded, to the sums of its set; a whole set goes to the
+   totals. */
+static void itn__deposit(const itn__render *render, double *set, size_t pixel, int sample,
+                         const float *values) {
+    int n = sample % render->set + 1, channels = render->channels;
+    int whole = n == render->set || sample + 1 == itn__pixel_samples(render, pixel);
+    double *totals = render->totals + 2 * pixel * (size_t)render->sums;
+    for (int k = 0; k < render->sums; k++, totals += 2) {
+        double sum = n > 1 ? set[k] : 0;
+        if (!render->weights) sum += (double)values[k];
+        for (int c = 0; c < channels && render->weights; c++)
+            sum += (double)render->weights[(size_t)c * render->pixels + pixel] *
+                   (double)values[channels * (1 + k) + c];
+        set[k] = sum;
+        if (whole) totals[0] += sum, totals[1] += sum * sum / (n * render->walks);
+    }
+}
+
+/* Does a unit: its samples, as far as pixels have them. */
+static void itn__do_unit(const itn__render *render, itn__worker *worker, itn__unit unit) {
+    int rays = unit.side * unit.side * unit.count;
+    size_t pixel, planes = (size_t)render->planes;
+#ifndef ITN_NO_FAST
+    if (render->fast) {
+        memset(worker->values, 0, (size_t)rays * planes * sizeof(float));
+        worker->crowd->unit = unit;
+        itn__run_unit(worker->crowd);
+        worker->collisions = worker->crowd->collisions;
+    }
+#endif
+    for (int ray = 0; ray < rays; ray++) {
+        const float *values = worker->values + (render->fast ? (size_t)ray * planes : 0);
+        int sample = itn__unit_sample(render, &unit, ray, &pixel);
+        if (sample < 0) continue;
+        if (!render->fast) itn__walk_sample(render, worker, pixel, sample);
+        itn__deposit(render, worker->set, pixel, sample, values);
+    }
+}
+
+/* A worker takes the first tile that nobody has; with sums by texels, whose order counts, every so
+   many-th. */
+static void itn__render_worker(void *task, int index) {
+    itn__render *render = (itn__render *)task;
+    for (int tile = index;; tile += render->worker_count) {
+        if (!render->texels) tile = (int)itn__count_up(&render->next);
+        if (tile >= render->end) return;
+        for (int chunk = 0; chunk < render->chunks && tile >= render->first; chunk++)
+            itn__do_unit(render, &render->workers[index], itn__unit_make(render, tile, chunk));
+    }
 }
 
 enum { ITN__TILE = 8, ITN__UNIT_PATHS = 16384 }; /* at most, or for one set more */
@@ -8318,53 +8263,48 @@ enum { ITN__TILE = 8, ITN__UNIT_PATHS = 16384 }; /* at most, or for one set more
    for many. */
 static itn_result itn__divide(itn__render *render, itn_error *error) {
     int width = render->scene->film.width, height = render->scene->film.height;
-    render->side = (int)itn__clamp((float)(width < height ? width : height) / (float)ITN__TILE, 1,
-                                   ITN__TILE);
+    int spp = render->options.spp, side = (width < height ? width : height) / ITN__TILE;
+    render->side = side < 1 ? 1 : side < ITN__TILE ? side : ITN__TILE;
     render->tiles = ((width - 1) / render->side + 1) * ((height - 1) / render->side + 1);
     int cells = render->side * render->side;
-    int sets = ITN__UNIT_PATHS / (render->fast ? 1 : render->planes + 1);
-    sets /= cells * render->walks * render->set;
+    int sets = ITN__UNIT_PATHS / (cells * render->walks * render->set);
     render->unit_rays = render->set * (sets < 1 ? 1 : sets);
-    if (render->unit_rays > render->spp) render->unit_rays = render->spp;
-    render->chunks = (render->spp - 1) / render->unit_rays + 1;
-    if (render->chunks > INT_MAX / render->tiles || render->spp > INT_MAX / render->walks)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "render: too many samples");
+    if (render->unit_rays > spp) render->unit_rays = spp;
+    render->chunks = (spp - 1) / render->unit_rays + 1;
     render->worker_count = itn__loop_threads(&render->scene->context);
     if (render->texels)
         render->worker_count = (int)itn__clamp(
             (float)ITN__TEXEL_VALUES / ((float)render->channels * (float)render->texels->count), 1,
             ITN__TEXEL_COPIES);
     if (render->worker_count > render->tiles) render->worker_count = render->tiles;
-    render->workers = (itn__worker *)itn__take(render->scratch, (size_t)render->worker_count,
-                                               sizeof *render->workers);
-    render->totals = (double *)itn__take(render->scratch, render->pixels,
+    render->workers = ITN__TAKE(itn__worker, render, render->worker_count);
+    render->totals = (double *)itn__take(render, render->pixels,
                                          (size_t)render->sums * 2 * sizeof(double));
     int good = render->workers && render->totals;
     for (int i = 0; i < render->worker_count && good; i++)
-        good = itn__worker_make(render, &render->workers[i], cells * render->unit_rays);
+        good = itn__worker_make(render, &render->workers[i],
+                                render->fast ? cells * render->unit_rays : 1);
     return good ? ITN_OK : itn__out_of_memory(error, "a render");
 }
 
 /* Does all tiles, in eight groups if somebody watches. */
 static itn_result itn__do_tiles(itn__render *render, itn_error *error) {
+    const itn_render_options *o = &render->options;
     itn_result result = itn__divide(render, error);
-    int group = render->progress ? (render->tiles + 7) / 8 : render->tiles;
-    if (result) return result;
-    for (render->first = 0; render->first < render->tiles; render->first = render->end) {
-        render->end = render->tiles - render->first < group ? render->tiles
-                                                            : render->first + group;
-        render->next = render->first;
+    int tiles = render->tiles, group = o->progress ? (tiles + 7) / 8 : tiles;
+    for (render->end = 0; render->end < tiles && !result;) {
+        render->first = render->end, render->next = render->end;
+        render->end = tiles - render->first < group ? tiles : render->first + group;
         itn__parallel_for(&render->scene->context, render->worker_count, itn__render_worker,
                           render);
-        if (render->progress &&
-            render->progress(render->progress_user,
-                             render->done + render->share * render->end / render->tiles))
-            return itn__fail(error, ITN_ERROR_CANCELLED, 0, "render: cancelled");
+        double fraction = render->done + render->share * render->end / tiles;
+        if (o->progress && o->progress(o->progress_user, fraction))
+            result = itn__fail(error, ITN_ERROR_CANCELLED, 0, "render: cancelled");
     }
     render->stats.paths += render->samples * render->walks;
-    for (int i = 0; i < render->worker_count; i++)
+    for (int i = 0; i < render->worker_count && !result; i++)
         render->stats.collisions += render->workers[i].collisions;
-    return ITN_OK;
+    return result;
 }
 
 #ifndef ITN_NO_FAST
@@ -8372,18 +8312,19 @@ static itn_result itn__do_tiles(itn__render *render, itn_error *error) {
    stay unbiased. */
 static itn_result itn__learn_values(itn__render *render, itn_error *error) {
     double pixels = (double)render->pixels;
-    int media = render->scene->medium_count, learnt = 0;
     size_t mark = render->scratch->used;
+    int learnt = 0;
     itn__render pilot = *render;
-    pilot.weights = NULL, pilot.samples_of = NULL, pilot.share = 0;
-    pilot.walks = (int)itn__clamp((float)(ITN__LESSONS / pixels), 1, (float)render->walks);
-    pilot.spp = (int)fmax(1, fmin(ITN__LESSONS / (pixels * pilot.walks), render->spp / 8 + 1));
+    itn_render_options *o = &pilot.options;
+    o->walks = (int)itn__clamp((float)(ITN__LESSONS / pixels), 1, (float)render->walks);
+    o->spp = (int)fmax(1, fmin(ITN__LESSONS / (pixels * o->walks), o->spp / 8 + 1));
+    o->seed = itn__mix64(o->seed + 1), o->samples = NULL;
+    pilot.least = o->spp, pilot.weights = NULL, pilot.share = 0;
     pilot.count = 0, pilot.planes = pilot.sums = pilot.channels;
-    pilot.set = pilot.sobol ? itn__set_size(pilot.spp) : 1;
-    pilot.seed = itn__mix64(render->seed + 1);
     pilot.learning = 1, pilot.controls = pilot.scales = 0, pilot.rows = ITN__ROWS;
-    itn_result result = itn__do_tiles(&pilot, error);
-    for (int m = 1; m <= media && !result; m++) {
+    itn_result result = itn__choose_walk(&pilot, error);
+    if (!result) result = itn__do_tiles(&pilot, error);
+    for (int m = 1; m <= render->scene->medium_count && !result; m++) {
         double *lessons = pilot.workers[0].crowd->lessons + m * ITN__LESSON_SUMS;
         for (int i = 1; i < pilot.worker_count; i++)
             for (int k = 0; k < ITN__LESSON_SUMS; k++)
@@ -8394,42 +8335,23 @@ static itn_result itn__learn_values(itn__render *render, itn_error *error) {
     render->scratch->used = mark;
     return result;
 }
+#endif
 
-/* Makes what the fast walk needs to know before it starts. */
-static itn_result itn__fast_begin(itn__render *render, itn_error *error) {
-    int media = render->scene->medium_count;
-    itn_result result = itn__tables_get(render, error);
-    if (result) return result;
-    render->substances = (itn__substance *)itn__take(render->scratch, 1 + (size_t)media,
-                                                     sizeof *render->substances);
-    if (!render->substances) return itn__out_of_memory(error, "a render");
-    itn__fast_know(render);
-    if ((render->baseline && render->count && media) || render->controls)
-        result = itn__learn_values(render, error);
-    return result;
-}
-#endif /* ITN_NO_FAST */
-
-/* How many samples make a set. */
-static void itn__choose_sets(itn__render *render) {
-    int set = itn__set_size(render->least);
-    if (!render->fast) render->walks = 1;
-    render->set = !render->fast ? (render->scene->spectral && set > 1 ? 3 : 1)
-                  : render->sobol ? set : 1;
-}
-
-/* Renders: makes the totals. */
+/* Renders: makes the totals, behind what the fast walk needs to know before it starts. */
 static itn_result itn__render_run(itn__render *render, itn_error *error) {
     itn_result result = ITN_OK;
-    itn__choose_sets(render);
 #ifndef ITN_NO_FAST
-    if (render->fast) result = itn__fast_begin(render, error);
+    int media = render->scene->medium_count;
+    int baseline = render->options.estimator == ITN_ESTIMATOR_BASELINE;
+    if (render->fast && !(result = itn__tables_get(render, error))) {
+        render->substances = ITN__TAKE(itn__substance, render, 1 + media);
+        if (!render->substances) return itn__out_of_memory(error, "a render");
+        itn__fast_know(render);
+        if ((baseline && render->count && media) || render->controls)
+            result = itn__learn_values(render, error);
+    }
 #endif
-    if (!result) result = itn__do_tiles(render, error);
-#ifndef ITN_NO_FAST
-    itn__voxels_free(&render->scene->context, render->own), render->own = NULL;
-#endif
-    return result;
+    return result ? result : itn__do_tiles(render, error);
 }
 
 /* Mean k of a pixel and its variance: where only rounding makes that negative, 0; one sample knows
@@ -8443,43 +8365,30 @@ static double itn__pixel_mean(const itn__render *render, size_t pixel, int k, do
     return mean;
 }
 
-/* An image with planes Y, Variance.Y, d_milk_g.Y, d_milk_g_variance.Y and so on. */
-static itn_result itn__make_planes(const itn__render *render, int width, int height,
-                                   const int *parameters, itn_image *image, itn_error *error) {
-    static const char *const names[2][3] = {{"Y", "", ""}, {"R", "G", "B"}};
-    int channels = render->channels, count = 2 * (1 + render->count) * channels;
-    itn_result result = itn_image_create(width, height, count, &render->scene->context, image,
-                                         error);
-    for (int k = 0; k < count && !result; k++) {
-        char layer[ITN_NAME_SIZE + 16] = "";
-        int v = k / channels % 2;
-        if (k >= 2 * channels) {
-            int parameter = parameters[k / channels / 2 - 1];
-            itn__print(layer, sizeof layer, "d_%s%s.", render->scene->parameters[parameter].name,
-                       v ? "_variance" : "");
-            *strchr(layer, '.') = '_'; /* item.field to item_field */
-        } else if (v) {
-            itn__copy_name(layer, "Variance.");
-        }
-        itn__print(image->names[k], ITN_NAME_SIZE, "%.60s%s", layer,
-                   names[channels == 3][k % channels]);
-    }
-    return result;
-}
-
-/* Means and variances become an image: of each group of channels the means, then the variances. */
-static itn_result itn__develop(const itn__render *render, const int *parameters, itn_image *image,
-                               itn_error *error) {
-    size_t pixels = render->pixels;
-    itn_result result = itn__make_planes(render, render->scene->film.width,
-                                         render->scene->film.height, parameters, image, error);
+/* Means and variances become an image: of each group of channels the means, then the variances.
+   Planes are Y, Variance.Y, d_milk_g.Y, d_milk_g_variance.Y and so on. Values of texels are left to
+   the caller. */
+static itn_result itn__develop(const itn__render *render, itn_image *image, itn_error *error) {
+    const itn__texels *texels = render->texels;
+    int channels = render->channels, width = render->scene->film.width;
+    int height = texels ? texels->count / texels->width : render->scene->film.height;
     double variance;
-    int channels = render->channels;
-    for (int k = 0; k < render->planes && !result; k++) {
-        float *plane = image->pixels + (size_t)(2 * k - k % channels) * pixels;
-        for (size_t i = 0; i < pixels; i++) {
-            plane[i] = (float)itn__pixel_mean(render, i, k, &variance);
-            plane[(size_t)channels * pixels + i] = (float)variance;
+    itn_result result = itn_image_create(texels ? texels->width : width, height,
+                                         2 * render->planes, &render->scene->context, image,
+                                         error);
+    for (int k = 0; k < 2 * render->planes && !result; k++) {
+        int group = k / channels / 2, v = k / channels % 2, c = k % channels;
+        char layer[ITN_NAME_SIZE + 16] = "";
+        if (v) itn__copy_name(layer, "Variance.");
+        if (group) {
+            const char *of = render->scene->parameters[render->parameters[group - 1]].name;
+            itn__print(layer, sizeof layer, "d_%s%s.", of, v ? "_variance" : "");
+            *strchr(layer, '.') = '_'; /* item.field to item_field */
+        }
+        itn__print(image->names[k], ITN_NAME_SIZE, "%.60s%c", layer, channels < 3 ? 'Y' : "RGB"[c]);
+        for (size_t i = 0; i < render->pixels && !texels; i++) {
+            double mean = itn__pixel_mean(render, i, group * channels + c, &variance);
+            image->pixels[(size_t)k * render->pixels + i] = (float)(v ? variance : mean);
         }
     }
     return result;
@@ -8488,45 +8397,24 @@ static itn_result itn__develop(const itn__render *render, const int *parameters,
 ITN_API itn_result itn_scene_prepare(const itn_scene *scene, const float *theta,
                                      const itn_render_options *options, itn_error *error) {
     itn__render render;
-    itn_result result = itn__render_begin(&render, scene, theta, options, NULL, 0, error);
+    itn_result result = itn__render_begin(&render, scene, theta, options, NULL, 0, NULL, error);
 #ifndef ITN_NO_FAST
     if (!result && render.fast) result = itn__tables_get(&render, error);
-    if (!result) itn__voxels_free(&scene->context, render.own);
 #endif
-    render.report = NULL;
+    render.options.stats = NULL;
     return itn__render_end(&render, result);
-}
-
-/* Takes in how many samples pixels have each. */
-static itn_result itn__spread_samples(itn__render *render, const int *samples, itn_error *error) {
-    render->samples_of = samples, render->samples = 0;
-    render->least = 1 << 24, render->spp = 1;
-    for (size_t i = 0; i < render->pixels; i++) {
-        if (samples[i] < 1 || samples[i] > 1 << 24)
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "itn_render: samples[%d] = %d is not in [1, %d]", (int)i, samples[i],
-                             1 << 24);
-        if (samples[i] < render->least) render->least = samples[i];
-        if (samples[i] > render->spp) render->spp = samples[i];
-        render->samples += samples[i];
-    }
-    return ITN_OK;
 }
 
 ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
                               const itn_render_options *options, const int *parameters, int count,
                               itn_image *image, itn_error *error) {
-    itn_render_options own = ITN_ZERO;
     itn__render render;
     itn_image made = ITN_ZERO;
-    const int *samples;
     if (!image) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_render: image is NULL");
-    if (options) own = *options;
-    samples = own.samples, own.samples = NULL;
-    itn_result result = itn__render_begin(&render, scene, theta, &own, parameters, count, error);
-    if (!result && samples) result = itn__spread_samples(&render, samples, error);
+    itn_result result = itn__render_begin(&render, scene, theta, options, parameters, count, NULL,
+                                          error);
     if (!result) result = itn__render_run(&render, error);
-    if (!result) result = itn__develop(&render, parameters, &made, error);
+    if (!result) result = itn__develop(&render, &made, error);
     if (!result) *image = made;
     return itn__render_end(&render, result);
 }
@@ -8539,24 +8427,9 @@ ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
    one render both would have their noise in common, and the product a bias. Of derivatives by
    texels ([throughput]) there are as many sums as values. */
 
-/* Begins a render that folds with given values, [channels][height][width], which must be finite. */
-static itn_result itn__fold_begin(itn__render *render, const itn_scene *scene, const float *theta,
-                                  const itn_render_options *options, const float *given,
-                                  const int *parameters, int count, itn_error *error) {
-    itn_result result = itn__render_begin(render, scene, theta, options, parameters, count, error);
-    for (size_t i = 0; !result && i < render->pixels * (size_t)render->channels; i++)
-        if (!itn__finite(given[i]))
-            result = itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                               "render: value %d of the weights or the target is not finite",
-                               (int)i);
-    return result;
-}
-
-/* Runs a render that folds derivatives, and adds them up over all pixels. variance may be
-   NULL. */
-static itn_result itn__fold(itn__render *render, const float *weights, double *gradient,
-                            double *variance, itn_error *error) {
-    render->weights = weights, render->sums = render->count;
+/* Runs a render that folds derivatives, and adds them up over all pixels. variance may be NULL. */
+static itn_result itn__fold(itn__render *render, double *gradient, double *variance,
+                            itn_error *error) {
     itn_result result = itn__render_run(render, error);
     for (int k = 0; k < render->count && !result; k++) {
         double sum = 0, spread = 0, own;
@@ -8576,9 +8449,9 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
     if (!scene || !weights || !gradient || count < 1)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_render_gradient: NULL argument or count %d", count);
-    itn_result result =
-        itn__fold_begin(&render, scene, theta, options, weights, parameters, count, error);
-    if (!result) result = itn__fold(&render, weights, gradient, variance, error);
+    itn_result result = itn__render_begin(&render, scene, theta, options, parameters, count,
+                                          weights, error);
+    if (!result) result = itn__fold(&render, gradient, variance, error);
     return itn__render_end(&render, result);
 }
 
@@ -8605,7 +8478,6 @@ ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float
                                              const itn_render_options *options,
                                              const float *weights, const char *item,
                                              itn_image *gradient, itn_error *error) {
-    itn_render_options own = ITN_ZERO;
     itn__render render;
     itn__texels texels;
     itn_image made = ITN_ZERO;
@@ -8617,19 +8489,12 @@ ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_render_texel_gradient: %s \"%.32s\" that has an image",
                          found ? "both a surface and a light" : "no surface or light", item);
-    if (options) own = *options;
-    if (own.mode == ITN_MODE_FAST)
-        return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
-                         "itn_render_texel_gradient: the fast walk cannot differentiate in the "
-                         "values of an image; the reference can");
-    own.mode = ITN_MODE_REFERENCE;
-    itn_result result = itn__fold_begin(&render, scene, theta, &own, weights, NULL, 0, error);
-    render.weights = weights, render.texels = &texels, render.sums = 0;
+    itn_result result = itn__render_begin(&render, scene, theta, options, NULL, 0, weights, error);
+    render.texels = &texels;
+    if (!result) result = itn__choose_walk(&render, error);
     if (!result) result = itn__render_run(&render, error);
-    if (!result)
-        result = itn__make_planes(&render, texels.width, texels.count / texels.width, NULL, &made,
-                                  error);
-    for (size_t i = 0; !result && i < 2 * (size_t)(render.channels * texels.count); i++) {
+    if (!result) result = itn__develop(&render, &made, error);
+    for (size_t i = 0; !result && i < 2 * (size_t)render.channels * (size_t)texels.count; i++) {
         double sum = 0; /* of all workers: the gradient, by channels, then its variance */
         for (int k = 0; k < render.worker_count; k++) sum += render.workers[k].texels.sums[i];
         made.pixels[i] = (float)sum;
@@ -8638,32 +8503,32 @@ ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float
     return itn__render_end(&render, result);
 }
 
-/* The loss of a render, and its derivatives by the pixels: weights [channels][height][width]. */
-static double itn__loss_weights(const itn__render *render, const float *target, float *weights) {
-    double values = (double)render->pixels * render->channels, sum = 0, variance;
-    for (int c = 0; c < render->channels; c++)
-        for (size_t i = 0; i < render->pixels; i++, weights++) {
-            double residual = itn__pixel_mean(render, i, c, &variance) - *target++;
-            sum += residual * residual - (float)variance; /* infinite beyond what floats hold */
-            *weights = (float)(2 * residual / values);
-        }
-    return sum / values;
-}
-
-/* The render for the residual, before the one for the derivative. */
-static itn_result itn__render_loss(itn__render *render, itn_mode mode, const float *target,
-                                   float *weights, double *loss, itn_error *error) {
+/* The render for the residual, before the one for the derivative: the loss; its derivatives by the
+   pixels are put in the place of the target, as weights. */
+static itn_result itn__render_loss(itn__render *render, double *loss, itn_error *error) {
+    size_t values = render->pixels * (size_t)render->channels;
+    const float *target = render->weights;
+    float *weights = ITN__TAKE(float, render, values);
     size_t mark = render->scratch->used;
     itn__render residual = *render;
+    double variance, sum = 0;
     residual.count = 0, residual.planes = residual.sums = residual.channels;
-    residual.seed = itn__mix64(~render->seed), render->seed = itn__mix64(residual.seed + 1);
+    residual.weights = NULL, residual.options.seed = itn__mix64(~render->options.seed);
+    render->options.seed = itn__mix64(residual.options.seed + 1), render->weights = weights;
     if (render->count) residual.share = render->share = render->done = .5;
-    itn_result result = itn__choose_walk(&residual, mode, NULL, error);
+    itn_result result = weights ? itn__choose_walk(&residual, error)
+                                : itn__out_of_memory(error, "a loss");
     if (!result) result = itn__render_run(&residual, error);
     if (result) return result;
-    *loss = itn__loss_weights(&residual, target, weights);
+    for (size_t i = 0; i < values; i++) {
+        int c = (int)(i / render->pixels);
+        double off = itn__pixel_mean(&residual, i % render->pixels, c, &variance) - target[i];
+        sum += off * off - (float)variance; /* infinite beyond what floats hold */
+        weights[i] = (float)(2 * off / (double)values);
+    }
+    *loss = sum / (double)values;
     render->stats = residual.stats, render->scratch->used = mark;
-    if (!itn__finite(*loss))
+    if (!itn__finite(sum))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_loss_gradient: squares of the image's values are too large for a "
                          "float");
@@ -8675,22 +8540,16 @@ ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
                                      const int *parameters, int count, double *loss,
                                      double *gradient, itn_error *error) {
     itn__render render;
-    float *weights = NULL;
     double value = 0;
-    if (!scene || !target || !loss || count < 0 || (count && !gradient) ||
-        (options && options->spp == 1))
+    if (!scene || !target || !loss || count < 0 || (count && !gradient))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_loss_gradient: NULL argument, count %d, or spp below 2", count);
-    itn_result result =
-        itn__fold_begin(&render, scene, theta, options, target, parameters, count, error);
-    if (!result)
-        weights = (float *)itn__take_raw(render.scratch, render.pixels,
-                                         (size_t)render.channels * sizeof(float));
-    if (!result && !weights) result = itn__out_of_memory(error, "a loss");
-    if (!result)
-        result = itn__render_loss(&render, options ? options->mode : ITN_MODE_AUTO, target,
-                                  weights, &value, error);
-    if (count && !result) result = itn__fold(&render, weights, gradient, NULL, error);
+                         "itn_loss_gradient: NULL argument or count %d", count);
+    itn_result result = itn__render_begin(&render, scene, theta, options, parameters, count,
+                                          target, error);
+    if (!result && render.least < 2)
+        result = itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_loss_gradient: spp is below 2");
+    if (!result) result = itn__render_loss(&render, &value, error);
+    if (count && !result) result = itn__fold(&render, gradient, NULL, error);
     if (!result) *loss = value;
     return itn__render_end(&render, result);
 }

@@ -244,12 +244,10 @@ static void open_render(inside *in, const itn_scene *scene, const itn_render_opt
         else
             check_report(strstr(scene->parameters[k].name, ".ior") || theta[k] == 0, __FILE__,
                          __LINE__, "%s is left to the reference", scene->parameters[k].name);
-    stage_need(itn__render_begin(render, scene, NULL, options, in->parameters, in->count, &error),
-               &error);
-    itn__choose_sets(render);
+    stage_need(itn__render_begin(render, scene, NULL, options, in->parameters, in->count, NULL,
+                                 &error), &error);
     stage_need(itn__tables_get(render, &error), &error);
-    render->substances = (itn__substance *)itn__take(
-        render->scratch, 1 + (size_t)scene->medium_count, sizeof *render->substances);
+    render->substances = ITN__TAKE(itn__substance, render, 1 + scene->medium_count);
     itn__fast_know(render);
     stage_need(itn__divide(render, &error), &error);
 }
@@ -272,16 +270,11 @@ static itn__crowd *run_unit(inside *in, const itn__unit *unit) {
 /* A unit of the whole picture, and a crowd that has room for it. */
 static itn__unit whole_unit(inside *in) {
     itn__worker *worker = &in->render.workers[0];
-    int rays;
     itn__unit unit = ITN_ZERO;
     unit.side = in->scene->film.width > in->scene->film.height ? in->scene->film.width
                                                                : in->scene->film.height;
-    unit.count = in->render.spp;
-    rays = unit.side * unit.side * unit.count;
-    worker->values = (float *)itn__take(in->render.scratch, (size_t)rays,
-                                        (size_t)in->render.planes * sizeof(float));
-    worker->crowd = itn__crowd_make(&in->render, worker->values);
-    CHECK(worker->values && worker->crowd);
+    unit.count = in->render.options.spp;
+    CHECK(itn__worker_make(&in->render, worker, unit.side * unit.side * unit.count));
     return unit;
 }
 
@@ -557,7 +550,7 @@ static void check_parts(int which, itn_sampler sampler, int walks, int planted) 
     bytes = unit_bytes(&in, &whole);
     radiance = (float *)malloc(bytes);
     memcpy(radiance, run_unit(&in, &whole)->radiance, bytes);
-    in.render.seed += (uint64_t)planted;
+    in.render.options.seed += (uint64_t)planted;
     compare_parts(&in, &whole, radiance, 8, whole.count);
     compare_parts(&in, &whole, radiance, 1, whole.count);
     compare_parts(&in, &whole, radiance, 3, 3);

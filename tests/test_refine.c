@@ -429,19 +429,70 @@ static int is_same_render(const itn_scene *scene, int way, const int *a, const i
     return same;
 }
 
+/* The loss of a picture and its gradient. */
+static void loss_allotted(const itn_scene *scene, int way, const int *samples, int spp,
+                          double result[3]) {
+    static const char *const names[] = {"m.sigma_t", "m.g"};
+    static float target[PIXELS];
+    itn_render_options options = ITN_ZERO;
+    itn_error error;
+    int parameters[2];
+    find_parameters(scene, names, 2, parameters);
+    solids_way(&options, way);
+    options.spp = spp, options.samples = samples, options.seed = 3;
+    stage_need(itn_loss_gradient(scene, NULL, &options, target, parameters, 2, result, result + 1,
+                                 &error), &error);
+}
+
 /* The same for all pixels is what spp does. */
 static void test_even_allotment(int way) {
     enum { SPP = 32 };
     itn_scene *scene = cloud(3, .8, .4);
     static int samples[PIXELS];
+    double loss[3], even[3];
     int i;
     for (i = 0; i < PIXELS; i++) samples[i] = SPP;
     CHECK(is_same_render(scene, way, samples, NULL, SPP));
     CHECK_CATCHES(CHECK(is_same_render(scene, way, samples, NULL, SPP + 8)));
+    loss_allotted(scene, way, NULL, SPP, loss), loss_allotted(scene, way, samples, 1, even);
+    CHECK(loss[1] != 0 && !memcmp(loss, even, sizeof loss));
     itn_scene_free(scene);
 }
 
-/* Wrong numbers, and calls that have none. */
+/* The adjoint is the sum of derivative images with weights, however samples are spread. planted: of
+   other weights. */
+static void test_folded_allotment(int way, int planted) {
+    static const char *const names[] = {"m.sigma_t", "m.g"};
+    itn_scene *scene = cloud(3, .8, .4);
+    static int samples[PIXELS];
+    static float weights[PIXELS];
+    itn_render_options options = ITN_ZERO;
+    itn_image image = ITN_ZERO;
+    itn_error error;
+    double gradient[2], variance[2];
+    int parameters[2], i, k;
+    find_parameters(scene, names, 2, parameters);
+    solids_way(&options, way);
+    for (i = 0; i < PIXELS; i++) samples[i] = 5 + 7 * i % 31, weights[i] = (float)(i % 5) - 1;
+    options.samples = samples, options.seed = 4;
+    render_allotted(scene, way, 4, samples, 1, &image);
+    stage_need(itn_render_gradient(scene, NULL, &options, weights, parameters, 2, gradient,
+                                   variance, &error), &error);
+    for (k = 0; k < 2; k++) {
+        const float *derivative = image.pixels + (2 + 2 * k) * PIXELS, *spread = derivative + PIXELS;
+        double sum = 0, square = 0;
+        for (i = 0; i < PIXELS; i++) {
+            double weight = weights[i] + (planted && i == PIXELS / 2);
+            sum += weight * derivative[i], square += weight * weight * spread[i];
+        }
+        CHECK_NEAR(gradient[k], sum, 1e-3 * sqrt(square));
+        CHECK_NEAR(variance[k], square, 1e-4 * square);
+    }
+    itn_image_free(&image);
+    itn_scene_free(scene);
+}
+
+/* Wrong numbers. */
 static void test_wrong_samples(void) {
     static const int wrong[] = {0, -1, (1 << 24) + 1, INT_MAX, INT_MIN};
     static const int parameters[] = {0};
@@ -463,11 +514,14 @@ static void test_wrong_samples(void) {
     samples[7] = 4;
     CHECK(itn_render(NULL, NULL, &options, NULL, 0, &image, &error) == ITN_ERROR_ARGUMENT);
     CHECK(itn_render(scene, NULL, &options, NULL, 0, NULL, &error) == ITN_ERROR_ARGUMENT);
+    samples[8] = 0;
     CHECK(itn_render_gradient(scene, NULL, &options, target, parameters, 1, &gradient, NULL,
                               &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_scene_prepare(scene, NULL, &options, &error) == ITN_ERROR_ARGUMENT);
+    samples[8] = 1;
     CHECK(itn_loss_gradient(scene, NULL, &options, target, parameters, 1, &value, &gradient,
                             &error) == ITN_ERROR_ARGUMENT);
-    CHECK(itn_scene_prepare(scene, NULL, &options, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(strstr(error.message, "below 2"));
     itn_scene_free(scene);
 }
 
@@ -481,7 +535,9 @@ static void test_allotments(void) {
     for (way = 0; way < ways; way++) {
         test_allotment(way, 0);
         test_even_allotment(way);
+        test_folded_allotment(way, 0);
         CHECK_CATCHES(test_allotment(way, 1));
+        CHECK_CATCHES(test_folded_allotment(way, 1));
     }
     test_wrong_samples();
 }

@@ -130,7 +130,8 @@ static void test_many_samples(void) {
     stage_object(&s, &mesh, "m", NULL);
     stage_constant(&s, NULL, 1);
     scene = stage_make(&s);
-    stage_need(itn__render_begin(&render, scene, NULL, &options, NULL, 0, &error), &error);
+    stage_need(itn__render_begin(&render, scene, NULL, &options, NULL, 0, NULL, &error),
+               &error);
     CHECK(itn__walk_make(&walk, &render, NULL));
     for (k = 0; k < 20000; k++) {
         itn__sample_pixel(&walk, ~0ull, 1, 1, INT_MAX - k);
@@ -172,7 +173,8 @@ static void test_late_roulette(int draws) {
     stage_object(&s, &mesh, "m", NULL);
     stage_constant(&s, NULL, 1);
     scene = stage_make(&s);
-    stage_need(itn__render_begin(&render, scene, NULL, &options, NULL, 0, &error), &error);
+    stage_need(itn__render_begin(&render, scene, NULL, &options, NULL, 0, NULL, &error),
+               &error);
     CHECK(itn__walk_make(&walk, &render, NULL));
     for (k = 0; k < PATHS; k++) {
         itn__begin_path(&walk, 1, 0, 0, k);
