@@ -709,21 +709,13 @@ ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *
 
 /* ---- [api-refine] analysis by synthesis ------------------------------------------------------ */
 
-/* How itn_refine searches. */
-typedef enum itn_method {
-    ITN_METHOD_LM = 0, /* Gauss-Newton (Levenberg-Marquardt) on the derivative images */
-    ITN_METHOD_ADAM,   /* Adam on the loss gradient */
-    ITN_METHOD_SGD     /* plain stochastic gradient descent on it, as in the paper */
-} itn_method;
-
 /* Where a search stands, for the progress callback; what is pointed to is valid during the call. */
 typedef struct itn_refine_step {
     int iteration;        /* counts up from 0 */
-    int block;            /* LM: of so many pixels a side one is made, at first; 1: of none */
+    int block;            /* of so many pixels a side one is made, at first; 1: of none */
     double fraction;      /* of an evaluation that is under way, in [0, 1): all else is of the one
                              before, but for where it is (theta, values); 1: it is done */
-    double misfit;        /* in units of noise, 1 where the scene explains the pictures; 0: unknown,
-                             as with ADAM and SGD */
+    double misfit;        /* in units of noise, 1 where the scene explains the pictures */
     double misfit_error;  /* its standard error, by the noise of the renders */
     double loss;          /* mean over pixels and channels of (I(theta) - target)^2, unbiased */
     const float *theta;   /* [parameter_count of the scene], of the first view */
@@ -746,27 +738,21 @@ typedef struct itn_refine_outcome {
 
 /* How to search; all zero is a choice that does well. */
 typedef struct itn_refine_options {
-    itn_method method;
-    int iterations; /* most steps; 0 = 20 (LM, which stops by itself when all that it sees is noise;
-                       those in reduced pictures do not count) or 200 */
+    int iterations; /* most steps, not counting those in reduced pictures; 0 = 20. A search stops by
+                       itself when all that it sees is noise */
     int spp;        /* samples per pixel of each of the two renders of an iteration, 2 to 524287;
-                       0 = 64. LM takes more as it closes in */
-    int final_spp;  /* samples, at most 67108863, of all renders that LM averages in the end, or of
-                       the one that gives Adam and SGD error bars; 0 = 6 spp, and up to 32 times as
-                       many where these leave an unknown undetermined. LM stops earlier if only the
-                       picture's own noise is left */
+                       0 = 64. It takes more as it closes in */
+    int final_spp;  /* samples, at most 67108863, of all renders that are averaged in the end; 0 =
+                       6 spp, and up to 32 times as many where these leave an unknown undetermined;
+                       fewer if only the picture's own noise is left */
     uint64_t seed;
-    int max_scatter;      /* see itn_render_options */
-    double learning_rate; /* > 0, falls to a tenth over the iterations. Adam: its first steps in
-                             coordinates, at most 1; 0 = .05. SGD: step over gradient of loss /
-                             mean square of the pictures, at most 1e6; 0 = 1; no step is longer
-                             than .5 */
-    double seconds; /* the most that a search takes, with the best answer so far; 0 = 60. The bits
-                       of a result depend on the clock only where this ends the search */
+    int max_scatter; /* see itn_render_options */
+    double seconds;  /* the most that a search takes, with the best answer so far; 0 = 60. The bits
+                        of a result depend on the clock only where this ends the search */
     const float *target_variance; /* [C][height][width] of each value of the target (NULL: unknown):
-                                     which pixels to trust, and what a misfit of 1 is. INFINITY (LM
-                                     only) masks a value, which may then be anything; all others 0:
-                                     as NULL. For itn_refine only: each itn_view has its own */
+                                     which pixels to trust, and what a misfit of 1 is. INFINITY
+                                     masks a value, which may then be anything; all others 0: as
+                                     NULL. For itn_refine only: each itn_view has its own */
     double *covariance; /* if not NULL, receives [count][count]: of the values */
     itn_refine_outcome *outcome; /* if not NULL, is filled in */
     int (*progress)(void *user, const itn_refine_step *step); /* after steps and within them; above
@@ -786,11 +772,11 @@ typedef struct itn_estimate {
 } itn_estimate;
 
 /* Minimises ||I - T(pi)||^2 (equation 1) over `count` parameters of the scene, from the values in
-   theta on; other parameters stay. LM divides each pixel's difference by what noise makes of it and
-   compares pictures slightly blurred, which has the same minimum where the scene accounts for the
-   picture. It searches first in reduced pictures, also from others of every unknown g if
+   theta on; other parameters stay. Gauss-Newton divides each pixel's difference by what noise makes
+   of it and compares pictures slightly blurred, which has the same minimum where the scene accounts
+   for the picture. It searches first in reduced pictures, also from others of every unknown g if
    more misfit remains than noise explains. Against other wrong valleys a good start helps (a
-   network's estimate), or several. Adam and SGD should not start on a bound, where slopes vanish.
+   network's estimate), or several.
    theta: [itn_parameter_count], in and out. target: [C][height][width], linear radiometric, within
    -1e18 to 1e18. parameters: [count], all different, count from 1 to 256. estimates: [count].
    options may be NULL. Errors: ARGUMENT, UNSUPPORTED (as itn_render), MEMORY, CANCELLED; then
@@ -799,6 +785,25 @@ ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float 
                               const int *parameters, int count,
                               const itn_refine_options *options, itn_estimate *estimates,
                               itn_error *error);
+
+/* One picture among several. */
+typedef struct itn_view {
+    const itn_scene *scene;
+    const float *theta;  /* [parameter_count of the scene]: of the parameters that are not sought;
+                            NULL: as made */
+    const float *target, *target_variance; /* as in itn_refine */
+    const int *parameters; /* [count]: which parameter of this scene each unknown is; -1 where the
+                              scene has not got it, for example the light of another view */
+} itn_view;
+
+/* The same for several pictures at once: minimises the sum of ||I - T(pi)||^2 over views, each with
+   its own scene (camera, lights, film, objects), picture and noise, that share `count` unknowns.
+   Each view has at least one, and each unknown is in at least one view, with the same bounds in
+   all. values: [count], in and out. The options' target_variance must be NULL. Nothing that views
+   point to is changed. Of one view, the bits are those of itn_refine. */
+ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float *values,
+                                    int count, const itn_refine_options *options,
+                                    itn_estimate *estimates, itn_error *error);
 
 /* Says in words what the pictures determine: a line for each unknown that is determined by itself,
    and one for each group that is determined together, with the product of powers that is determined
@@ -817,26 +822,6 @@ ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float 
 ITN_API int itn_refine_words(const itn_parameter *const *parameters, int count,
                              const itn_estimate *estimates, const double *covariance,
                              const itn_refine_outcome *outcome, char *text, size_t size);
-
-/* One picture among several. */
-typedef struct itn_view {
-    const itn_scene *scene;
-    const float *theta;  /* [parameter_count of the scene]: of the parameters that are not sought;
-                            NULL: as made */
-    const float *target, *target_variance; /* as in itn_refine */
-    const int *parameters; /* [count]: which parameter of this scene each unknown is; -1 where the
-                              scene has not got it, for example the light of another view */
-} itn_view;
-
-/* The same for several pictures at once: minimises the sum of ||I - T(pi)||^2 over views, each with
-   its own scene (camera, lights, film, objects), picture and noise, that share `count` unknowns.
-   Each view has at least one, and each unknown is in at least one view, with the same bounds in
-   all. values: [count], in and out. estimates: [count]. options may be NULL; its target_variance
-   must be NULL. Nothing that views point to is changed. Of one view, the bits are those of
-   itn_refine. Errors: as itn_refine; then values and estimates are untouched. */
-ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float *values,
-                                    int count, const itn_refine_options *options,
-                                    itn_estimate *estimates, itn_error *error);
 
 /* ---- [api-io] files -------------------------------------------------------------------------- */
 
@@ -8556,6 +8541,8 @@ ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
 
 /* ---- [layers] convolution, ReLU and pooling as one layer, and a step of Adam ----------------- */
 
+#ifndef ITN_NO_NET
+
 /* Adam (Kingma and Ba 2015, algorithm 1) keeps decaying means of the gradient g and of its square,
        m <- .9 m + .1 g,    v <- .999 v + .001 g^2,
    divides both by the weight that t steps from zero have collected, 1 - .9^t and 1 - .999^t, and
@@ -8580,8 +8567,6 @@ static void itn__adam(double rate, uint64_t step, size_t count, const float *gra
         weights[k] -= m_scale * m[k] / (sqrtf(v[k] * v_scale) + 1e-8f);
     }
 }
-
-#ifndef ITN_NO_NET
 
 /* A network is a chain of layers y = f(x; w). Given the derivatives d_y of a loss, written so for
    dl/dy, backward functions compute, from the last layer to the first,
@@ -9340,27 +9325,25 @@ enum { ITN__MOST_UNKNOWNS = 256, ITN__BROAD = 6, ITN__NARROW = 3 /* passes of a 
 #define ITN__PRIOR 8. /* standard deviation of a coordinate of which nothing is known */
 #define ITN__HARDLY .5 /* the error of one that is not determined */
 
-/* A view as the search sees it. */
+/* A view as the search sees it. Renders are [2 + count][pixels]: light, variance of one sample
+   (where pixels are blocks, of one of each), derivatives by the coordinates. */
 typedef struct itn__refine_view {
     const itn_view *given;
     const itn_scene *scene;
-    int asked; /* how many of the unknowns it has: where, and which */
+    int asked; /* how many of the unknowns it has: as which parameters, and which */
     int parameters[ITN__MOST_UNKNOWNS], unknowns[ITN__MOST_UNKNOWNS];
-    int noise_unknown;      /* the target's */
     int width, height;      /* of the pictures that are compared, */
     size_t plane, pixels;   /* their pixels, of one channel and of all */
+    int noise_unknown;      /* the target's, */
+    double nugget;          /* and its variance then */
     float *theta;           /* [parameter_count] */
-    float *target;          /* [pixels] */
+    float *target;          /* [pixels], as all that has no size here */
     float *target_variance; /* as around each, INFINITY where the target does not count */
-    float *scale;           /* [pixels] one over the standard deviation of a residual, or 0 */
-    float *known[2], *fresh[2]; /* renders a and b, of all evaluations that count, and the last:
-                                   [2 + count][pixels] light, variance of one sample (where pixels
-                                   are blocks, of one of each), derivatives by the coordinates */
+    float *scale;           /* one over the standard deviation of a residual, or 0 */
+    float *residual[2];     /* of renders a and b, times scale */
+    float *known[2], *fresh[2]; /* these renders, of all evaluations that count, and the last */
     float *blurred[2];      /* [count][pixels] K J of a and b */
-    float *score;           /* [count][plane] */
-    float *residual[2];     /* [pixels] of a and b, times scale */
-    float *spare;           /* [pixels] */
-    double nugget;          /* the target's variance, where that is not known */
+    float *score, *spare;   /* [count][pixels] for scores ([normal]); [pixels] */
 } itn__refine_view;
 
 /* How far the pictures are from the renders. */
@@ -9372,27 +9355,15 @@ typedef struct itn__misfit {
 } itn__misfit;
 
 typedef struct itn__refiner {
+    const itn_context *context; /* of the first scene */
+    itn_refine_options options;
     itn__refine_view *views;
     int view_count, count;
-    itn_refine_options options;
-    const itn_context *context; /* of the first scene */
     const itn_parameter *parameters[ITN__MOST_UNKNOWNS]; /* in the first view that has it */
     int g[ITN__MOST_UNKNOWNS]; /* which unknown is the g of a sigma_t or an albedo; or -1 */
-    int block;             /* pixels are means of block x block */
-    int spp, known, final; /* samples of a pixel of each render: of the last one, all that count,
-                              and wanted */
-    int arrived;           /* whether all that is seen is noise */
-    int ended;             /* why (see [search]), or 0 */
-    int coarse, part;      /* whether it looks at reduced pictures; which render is under way */
-    uint64_t renders;
-    double begun, deadline; /* seconds */
-    double since, work;     /* when these pictures were first looked at; samples since then */
-    double rendering;       /* when the evaluation began */
-    itn_refine_step shown;  /* to the caller */
     float values[ITN__MOST_UNKNOWNS];
     double coordinates[ITN__MOST_UNKNOWNS], before[ITN__MOST_UNKNOWNS]; /* of the point before */
-    double step[ITN__MOST_UNKNOWNS], errors[ITN__MOST_UNKNOWNS]; /* of the coordinates */
-    double value_errors[ITN__MOST_UNKNOWNS];
+    double step[ITN__MOST_UNKNOWNS], value_errors[ITN__MOST_UNKNOWNS];
     double told[ITN__MOST_UNKNOWNS], doubt[ITN__MOST_UNKNOWNS]; /* along an axis: lambda, sqrt(S) */
     double right[ITN__MOST_UNKNOWNS]; /* along it, b */
     double *turn;       /* [count][count], all of these: G = d value / d coordinate; */
@@ -9402,6 +9373,17 @@ typedef struct itn__refiner {
     double *covariance; /* of the coordinates */
     double drawn;       /* share of the renders in what is not known */
     itn__misfit misfit;
+    int block;          /* pixels are means of block x block */
+    int spp, known, final, most; /* samples of a pixel of each render: of the last one, all that
+                                    count, wanted, and at most */
+    int coarse, part;   /* whether it looks at reduced pictures; which render is under way */
+    int arrived;        /* whether all that is seen is noise */
+    int ended;          /* why (see [search]), or 0 */
+    uint64_t renders;
+    double begun, since, rendering; /* seconds: when the search began, these pictures were first
+                                       looked at, and the evaluation began */
+    double work;            /* samples since then */
+    itn_refine_step shown;  /* to the caller */
 } itn__refiner;
 
 /* Turns transformed coordinates into those along the valley (direction 1) or back (-1). */
@@ -9442,33 +9424,27 @@ static void itn__refine_set(itn__refiner *refiner, const double *coordinates) {
         if ((g = refiner->g[k]) >= 0)
             refiner->turn[k * n + g] = slopes[k] * slopes[g] / fmax(1 - values[g], 1e-7);
     if (held) itn__along_valley(refiner, plain, 1), memcpy(refiner->coordinates, plain, size);
-    for (itn__refine_view *view = refiner->views; view < refiner->views + refiner->view_count;
-         view++)
-        for (int k = 0; k < view->asked; k++)
-            view->theta[view->parameters[k]] = refiner->values[view->unknowns[k]];
+    for (int v = 0; v < refiner->view_count; v++)
+        for (int k = 0; k < refiner->views[v].asked; k++)
+            refiner->views[v].theta[refiner->views[v].parameters[k]] =
+                refiner->values[refiner->views[v].unknowns[k]];
 }
 
-/* Blurs a line of n values, `stride` apart, by (1 2 1)/4 time and again, beyond the ends what is at
-   them: as a matrix symmetric, positive, and of rows and columns that add up to 1. */
-static void itn__blur_line(float *line, size_t stride, int n, int passes) {
-    for (; passes > 0; passes--) {
-        float before = line[0];
-        for (int i = 0; i < n; i++) {
-            float *here = line + (size_t)i * stride, own = *here;
-            *here = .25f * before + .5f * own + .25f * (i + 1 < n ? here[stride] : own);
-            before = own;
+/* Blurs planes, their rows and then their columns, by (1 2 1)/4 time and again, beyond the ends
+   what is at them: as a matrix symmetric, positive, and of rows and columns that add up to 1. */
+static void itn__blur(const itn__refine_view *view, float *planes, size_t count, int passes) {
+    size_t width = (size_t)view->width, height = (size_t)view->height;
+    for (int across = 0; across < 2; across++) {
+        size_t stride = across ? width : 1, n = across ? height : width;
+        for (size_t k = 0; k < count / n * (size_t)passes; k++) {
+            size_t row = k / (size_t)passes;
+            float *line = planes + row / stride * n * stride + row % stride, before = *line;
+            for (size_t i = 0; i < n; i++) {
+                float *here = line + i * stride, own = *here;
+                *here = .25f * before + .5f * own + .25f * (i + 1 < n ? here[stride] : own);
+                before = own;
+            }
         }
-    }
-}
-
-/* The same of planes, both ways. */
-static void itn__blur(const itn__refine_view *view, float *pixels, size_t count, int passes) {
-    size_t width = (size_t)view->width;
-    for (size_t first = 0; first < count; first += view->plane) {
-        for (int k = 0; k < view->height; k++)
-            itn__blur_line(pixels + first + (size_t)k * width, 1, view->width, passes);
-        for (int k = 0; k < view->width; k++)
-            itn__blur_line(pixels + first + k, width, view->height, passes);
     }
 }
 
@@ -9500,18 +9476,18 @@ static void itn__take_in(const itn__refiner *refiner, itn__refine_view *view, it
                          int half) {
     size_t pixels = view->pixels;
     float *to = view->fresh[half], area = (float)(refiner->block * refiner->block);
-    int n = refiner->count, k;
+    int n = refiner->count;
     itn__reduce(refiner, view, image->pixels,
                 (size_t)(2 + 2 * view->asked) * (size_t)view->scene->film.channels);
     memset(to, 0, (size_t)(2 + n) * pixels * sizeof(float));
     memcpy(to, image->pixels, 2 * pixels * sizeof(float));
     for (size_t i = 0; i < pixels; i++) to[pixels + i] *= (float)refiner->spp / area;
-    for (k = 0, to += 2 * pixels; k < n; k++, to += pixels)
-        for (int own = 0; own < view->asked; own++) {
-            const float *from = image->pixels + (size_t)(2 + 2 * own) * pixels;
-            float turn = (float)refiner->turn[view->unknowns[own] * n + k];
-            for (size_t i = 0; i < pixels && turn != 0; i++) to[i] += turn * from[i];
-        }
+    for (int k = 0; k < n * view->asked; k++) {
+        const float *from = image->pixels + (size_t)(2 + 2 * (k / n)) * pixels;
+        float turn = (float)refiner->turn[view->unknowns[k / n] * n + k % n];
+        float *slope = to + (size_t)(2 + k % n) * pixels;
+        for (size_t i = 0; i < pixels && turn != 0; i++) slope[i] += turn * from[i];
+    }
 }
 
 /* The variance of one sample in a value. */
@@ -9530,8 +9506,7 @@ static int itn__counts(const itn__refine_view *view, size_t i) {
    pixels. A floor, a thousandth of the mean, bounds the weight of pixels without noise. */
 static void itn__refine_weigh(const itn__refiner *refiner, itn__refine_view *view) {
     double sum = 0, square = 0, counted = 0;
-    float *scale = view->scale, samples = (float)(refiner->known > refiner->final
-                                                      ? refiner->known : refiner->final);
+    float *scale = view->scale, samples = itn__max((float)refiner->known, (float)refiner->final);
     for (size_t i = 0; i < view->pixels; i++)
         view->spare[i] = itn__sample_variance(view, view->known, i);
     itn__around(view, view->spare, scale);
@@ -9596,16 +9571,15 @@ static void itn__misfit_of(itn__refiner *refiner, int fresh, itn__misfit *misfit
     double excess = 0, square = 0, noise = 0, squares = 0, counted = 0, all = 0;
     memset(misfit, 0, sizeof *misfit);
     for (; view < end; view++) {
-        float *const *renders = fresh ? view->fresh : view->known, *r[2];
-        double own = 0, shared = 0, felt = 0, drawn = 0, beyond = 0, weights = 0, unit = 1;
-        r[0] = view->residual[0], r[1] = view->residual[1];
-        for (size_t at = 0; at < view->pixels; at++) {
-            r[0][at] = (view->target[at] - renders[0][at]) * view->scale[at];
-            r[1][at] = (view->target[at] - renders[1][at]) * view->scale[at];
+        float *const *renders = fresh ? view->fresh : view->known, **r = view->residual;
+        double own = 0, drawn = 0, what = 0, beyond = 0, felt = 0, weights = 0, unit = 1;
+        for (size_t i = 0; i < 2 * view->pixels; i++) {
+            size_t half = i / view->pixels, at = i % view->pixels;
+            r[half][at] = (view->target[at] - renders[half][at]) * view->scale[at];
         }
         if (view->noise_unknown) itn__around(view, r[0], view->spare);
         for (size_t pixel = 0; pixel < view->plane; pixel++) {
-            double together = 0, common = 0, deviation = 0;
+            double together = 0, shared = 0, deviation = 0;
             for (size_t at = pixel; at < view->pixels; at += view->plane) {
                 double w = (double)view->scale[at] * view->scale[at];
                 double ra = (double)r[0][at], rb = (double)r[1][at];
@@ -9616,41 +9590,37 @@ static void itn__misfit_of(itn__refiner *refiner, int fresh, itn__misfit *misfit
                            (fresh ? refiner->spp : refiner->known);
                 together += ra * rb - w * view->target_variance[at];
                 deviation += sqrt(fmax(v * (ra * ra + rb * rb - v), 0));
-                common += view->noise_unknown ? rb * (double)view->spare[at] : 0;
+                shared += rb * (double)view->spare[at];
                 felt++, weights += w;
             }
-            own += together, drawn += deviation * deviation, shared += common;
-            if (!view->noise_unknown) common = together;
-            beyond += common * common;
+            double part = view->noise_unknown ? shared : together;
+            own += together, drawn += deviation * deviation;
+            what += part, beyond += part * part;
         }
         misfit->excess += own, misfit->noise += drawn, all += felt;
-        if (view->noise_unknown && felt > 0) { /* each pair of pixels is in `shared` twice */
+        if (view->noise_unknown && felt > 0) { /* each pair of pixels is in `what` twice */
             double blur = (1 - ITN__NARROW_OWN) / ITN__NARROW_OWN;
-            unit = fmax(1 + (own - shared - view->nugget * weights) / felt, .1) / blur;
-            if (!fresh) view->nugget = fmax((own - shared) / weights, 0);
-            own = shared, beyond *= 2, drawn = beyond;
+            unit = fmax(1 + (own - what - view->nugget * weights) / felt, .1) / blur;
+            if (!fresh) view->nugget = fmax((own - what) / weights, 0);
+            drawn = beyond *= 2;
         }
-        excess += own / unit, noise += drawn / (unit * unit), square += beyond / (unit * unit);
+        excess += what / unit, noise += drawn / (unit * unit), square += beyond / (unit * unit);
     }
     misfit->loss = squares / fmax(counted, 1), misfit->value = 1 + excess / fmax(all, 1);
     misfit->spread = sqrt(square) / fmax(all, 1), misfit->error = sqrt(noise) / fmax(all, 1);
 }
 
-/* K J of a view, over the deviation of residuals; 0 where that does not count. */
-static void itn__blur_slopes(const itn__refiner *refiner, itn__refine_view *view, int half) {
-    float *blurred = view->blurred[half];
-    size_t count = (size_t)refiner->count * view->pixels;
-    for (size_t i = 0; i < count; i++)
-        blurred[i] = view->known[half][2 * view->pixels + i] * view->scale[i % view->pixels];
-    itn__blur(view, blurred, count, ITN__BROAD);
-    for (size_t i = 0; i < count; i++) blurred[i] *= view->scale[i % view->pixels] > 0;
-}
-
-/* Adds a view's part of A, b, N and, as `drawn`, that of N by renders. */
+/* Makes K J of a view, and adds its part of A, b, N and, as `drawn`, that of N by renders. */
 static void itn__normal_add(itn__refiner *refiner, itn__refine_view *view, double *drawn) {
-    size_t pixels = view->pixels, plane = view->plane;
+    size_t pixels = view->pixels, plane = view->plane, count = (size_t)refiner->count * pixels;
     int n = refiner->count;
-    itn__blur_slopes(refiner, view, 0), itn__blur_slopes(refiner, view, 1);
+    for (int half = 0; half < 2; half++) {
+        float *blurred = view->blurred[half];
+        for (size_t i = 0; i < count; i++)
+            blurred[i] = view->known[half][2 * pixels + i] * view->scale[i % pixels];
+        itn__blur(view, blurred, count, ITN__BROAD);
+        for (size_t i = 0; i < count; i++) blurred[i] *= view->scale[i % pixels] > 0;
+    }
     for (int k = 0; k < 2 * n * n; k++) {
         int one = k / 2 / n, other = k / 2 % n;
         double product = .25 * itn__product(view->known[k % 2] + (size_t)(2 + one) * pixels,
@@ -9661,7 +9631,7 @@ static void itn__normal_add(itn__refiner *refiner, itn__refine_view *view, doubl
     for (int half = 0; half < 2; half++) { /* the scores s, and t */
         double *noise = half ? drawn : refiner->noise;
         memset(view->score, 0, (size_t)n * plane * sizeof(float));
-        for (size_t i = 0; i < (size_t)n * pixels; i++) {
+        for (size_t i = 0; i < count; i++) {
             size_t at = i % pixels;
             float a = view->blurred[0][i] * view->residual[1][at];
             float b = view->blurred[1][i] * view->residual[0][at];
@@ -9699,29 +9669,24 @@ static double itn__direction_noise(const itn__refiner *refiner, const double *c,
     return 4 * (fmax(crossed, 0) + ITN__BROAD_SQUARES * squares);
 }
 
-/* Turns two rows or columns, whose elements are `stride` apart. */
-static void itn__rotate(double *x, double *y, int stride, int n, double c, double s) {
-    for (; n > 0; n--, x += stride, y += stride) {
-        double kept = *x;
-        *x = c * kept - s * *y, *y = s * kept + c * *y;
-    }
+static void itn__rotate(double *x, double *y, double c, double s) {
+    double kept = *x;
+    *x = c * kept - s * *y, *y = s * kept + c * *y;
 }
 
 /* Eigenvalues of a symmetric matrix, which end on its diagonal, and eigenvectors, the columns of v:
    Jacobi's rotations, each of which makes one pair of elements zero. */
 static void itn__eigen(double *a, double *v, int n) {
     for (int i = 0; i < n * n; i++) v[i] = i / n == i % n;
-    for (int sweep = 0; sweep < 60; sweep++)
-        for (int i = 0; i < n; i++)
-            for (int j = i + 1; j < n; j++) {
-                double off = a[i * n + j], half = .5 * (a[j * n + j] - a[i * n + i]);
-                if (fabs(off) <= 1e-15 * sqrt(fabs(a[i * n + i] * a[j * n + j]))) continue;
-                double t = off / (half + (half < 0 ? -1 : 1) * hypot(half, off)),
-                       c = 1 / hypot(1, t);
-                itn__rotate(a + i, a + j, n, n, c, t * c);
-                itn__rotate(a + i * n, a + j * n, 1, n, c, t * c);
-                itn__rotate(v + i, v + j, n, n, c, t * c);
-            }
+    for (int pair = 0; pair < 60 * n * n; pair++) { /* all of them, sixty times */
+        int i = pair / n % n, j = pair % n;
+        double off = a[i * n + j], half = .5 * (a[j * n + j] - a[i * n + i]);
+        if (i >= j || fabs(off) <= 1e-15 * sqrt(fabs(a[i * n + i] * a[j * n + j]))) continue;
+        double t = off / (half + (half < 0 ? -1 : 1) * hypot(half, off)), c = 1 / hypot(1, t);
+        for (int k = 0; k < n; k++) itn__rotate(a + k * n + i, a + k * n + j, c, t * c);
+        for (int k = 0; k < n; k++) itn__rotate(a + i * n + k, a + j * n + k, c, t * c);
+        for (int k = 0; k < n; k++) itn__rotate(v + k * n + i, v + k * n + j, c, t * c);
+    }
 }
 
 /* out = L M L^T; the elements of L are `row` and `column` apart. */
@@ -9755,15 +9720,14 @@ static void itn__normal_covariance(itn__refiner *refiner) {
     for (int j = 0; j < n; j++)
         out[j * (n + 1)] += inverse[j] > 0 ? inverse[j] * inverse[j] / prior : prior;
     itn__sandwich(refiner->axes, n, 1, out, n, refiner->covariance);
-    for (int j = 0; j < n; j++) refiner->errors[j] = sqrt(refiner->covariance[j * (n + 1)]);
 }
 
 /* Makes the normal equations at the present point from what is known, and what they say: axes,
    covariance, and whether all of b is but noise. Returns 0 if numbers were too large. */
 static int itn__normal(itn__refiner *refiner) {
     itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
-    double *matrix = refiner->matrix, *drawn = refiner->covariance, share = 0;
-    int n = refiner->count, j;
+    double *matrix = refiner->matrix, *drawn = refiner->covariance;
+    int n = refiner->count;
     size_t square = (size_t)(n * n) * sizeof(double);
     memset(refiner->step, 0, sizeof refiner->step), memset(matrix, 0, square);
     memset(refiner->noise, 0, square), memset(drawn, 0, square);
@@ -9774,7 +9738,7 @@ static int itn__normal(itn__refiner *refiner) {
         if (!itn__finite(matrix[k]) || !itn__finite(refiner->noise[k])) return 0;
     if (!itn__finite(refiner->misfit.value) || !itn__finite(refiner->misfit.loss)) return 0;
     itn__eigen(matrix, refiner->axes, n);
-    for (j = 0; j < n; j++) {
+    for (int j = 0; j < n; j++) {
         refiner->told[j] = matrix[j * (n + 1)], refiner->right[j] = 0;
         refiner->doubt[j] = sqrt(itn__direction_noise(refiner, refiner->axes + j, n));
         for (int k = 0; k < n; k++)
@@ -9783,15 +9747,16 @@ static int itn__normal(itn__refiner *refiner) {
     itn__sandwich(refiner->axes, 1, n, refiner->noise, n, matrix);
     memcpy(refiner->noise, matrix, square);
     itn__sandwich(refiner->axes, 1, n, drawn, n, matrix);
-    for (j = 0, refiner->arrived = 1; j < n; j++) {
-        double noise = refiner->noise[j * (n + 1)], b = refiner->right[j];
+    refiner->arrived = 1, refiner->drawn = 0;
+    for (int j = 0; j < n; j++) {
+        double noise = refiner->noise[j * (n + 1)], b = refiner->right[j], share = 1;
         int told = itn__tells(refiner, j);
         if (told && b * b > 6 * noise) refiner->arrived = 0;
-        share += !told || !(noise > 0) ? 1 /* more samples always help what is not told */
-                 : fmax(matrix[j * (n + 1)] / noise,
-                        pow(ITN__CERTAIN * refiner->doubt[j] / refiner->told[j], 2));
+        if (told && noise > 0) /* else more samples always help */
+            share = fmax(matrix[j * (n + 1)] / noise,
+                         pow(ITN__CERTAIN * refiner->doubt[j] / refiner->told[j], 2));
+        refiner->drawn += share / n;
     }
-    refiner->drawn = share / n;
     itn__normal_covariance(refiner);
     return 1;
 }
@@ -9815,7 +9780,7 @@ enum { ITN__FINAL = 6, ITN__PATIENCE = 32, ITN__COARSE = 24, ITN__COARSE_PATHS =
 /* so that an int holds PATIENCE times FINAL times spp, and all walks of these camera rays */
 enum { ITN__MOST_FINAL = INT_MAX / 32, ITN__MOST_SPP = 524287 };
 
-enum { ITN__GOING_ON, ITN__NO_TIME, ITN__STOPPED, ITN__CANCELLED, ITN__TOO_SLOW };
+enum { ITN__GOING_ON, ITN__ENDED, ITN__CANCELLED, ITN__TOO_SLOW };
 
 #if defined(__unix__) || defined(__APPLE__)
 #include <sys/time.h>
@@ -9834,38 +9799,32 @@ static double itn__seconds(void) {
 }
 
 #define ITN__REJECT(...) itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: " __VA_ARGS__)
-#define ITN__OVERFLOW "squares of the image's values are too large for a float"
 
-/* Tells the caller where the search is. Returns whether it has ended. */
-static int itn__refine_tell(itn__refiner *refiner, double fraction) {
-    itn_refine_step *shown = &refiner->shown;
-    double now = itn__seconds(), left = fmax(refiner->final - refiner->known, 0);
-    int heard = 0;
-    shown->fraction = fraction, shown->seconds = now - refiner->begun;
-    shown->block = refiner->block;
-    shown->expected = fmin(shown->seconds + left * (now - refiner->since) / refiner->work,
-                           refiner->options.seconds);
-    shown->theta = refiner->views->theta, shown->values = refiner->values;
-    if (refiner->options.progress)
-        heard = refiner->options.progress(refiner->options.progress_user, shown);
-    if (heard) refiner->ended = heard > 0 ? ITN__STOPPED : ITN__CANCELLED;
-    return refiner->ended;
+/* Seconds that so many samples take, as those since these pictures were first looked at. */
+static double itn__seconds_for(const itn__refiner *refiner, double spp) {
+    return spp * (itn__seconds() - refiner->since) / refiner->work;
 }
 
-static itn_result itn__check_cancelled(const itn__refiner *refiner, itn_error *error) {
-    if (refiner->ended != ITN__CANCELLED) return ITN_OK;
-    return itn__fail(error, ITN_ERROR_CANCELLED, 0, "itn_refine: cancelled");
-}
-
-/* Hears of a render, the first or second of a view. */
+/* Tells the caller where the search is, in a render or, after all of them, at a step, and looks at
+   the clock. Returns whether the search has ended. */
 static int itn__watch(void *user, double fraction) {
     itn__refiner *refiner = (itn__refiner *)user;
-    double now = itn__seconds(), spent = now - refiner->rendering;
-    fraction = (refiner->part + fraction) / (2 * refiner->view_count);
-    if (itn__refine_tell(refiner, fmin(fraction, .999))) return 1;
-    if (now > refiner->deadline) refiner->ended = ITN__NO_TIME;
-    else if (refiner->coarse && spent > refiner->options.seconds / 32 &&
-             spent > refiner->options.seconds / 8 * fraction)
+    itn_refine_step *shown = &refiner->shown;
+    const itn_refine_options *options = &refiner->options;
+    double now = itn__seconds(), spent = now - refiner->rendering, most = options->seconds;
+    int parts = 2 * refiner->view_count, rendering = refiner->part < parts, heard = 0;
+    double left = itn__seconds_for(refiner, fmax(refiner->final - refiner->known, 0));
+    fraction = (refiner->part + fraction) / parts;
+    shown->fraction = rendering ? fmin(fraction, .999) : 1, shown->block = refiner->block;
+    shown->misfit = refiner->misfit.value, shown->misfit_error = refiner->misfit.error;
+    shown->loss = refiner->misfit.loss;
+    shown->theta = refiner->views->theta, shown->values = refiner->values;
+    shown->errors = refiner->known ? refiner->value_errors : NULL;
+    shown->seconds = now - refiner->begun, shown->expected = fmin(shown->seconds + left, most);
+    if (options->progress) heard = options->progress(options->progress_user, shown);
+    if (heard) refiner->ended = heard > 0 ? ITN__ENDED : ITN__CANCELLED;
+    else if (shown->seconds > most) refiner->ended = ITN__ENDED;
+    else if (rendering && refiner->coarse && spent > most / 32 && spent > most / 8 * fraction)
         refiner->ended = ITN__TOO_SLOW;
     return refiner->ended;
 }
@@ -9873,25 +9832,23 @@ static int itn__watch(void *user, double fraction) {
 /* Renders all views twice at the present point. Returns ITN_OK where the search has ended, too. */
 static ITN__COLD itn_result itn__refine_evaluate(itn__refiner *refiner, int spp, itn_error *error) {
     itn_render_options options = ITN_ZERO;
-    int parts = 2 * refiner->view_count;
+    itn_result result = ITN_OK;
+    int *part = &refiner->part;
     options.spp = refiner->spp = spp, options.max_scatter = refiner->options.max_scatter;
     options.walks = refiner->block > 1 ? 1 : 0; /* few paths, far apart */
     options.progress = itn__watch, options.progress_user = refiner;
     refiner->rendering = itn__seconds();
-    for (int part = 0; part < parts; part++) {
-        itn__refine_view *view = &refiner->views[part / 2];
+    for (*part = 0; *part < 2 * refiner->view_count && !result && !refiner->ended; ++*part) {
+        itn__refine_view *view = &refiner->views[*part / 2];
         itn_image image = ITN_ZERO;
-        refiner->part = part;
         options.seed = itn__mix64(itn__mix64(refiner->options.seed) + refiner->renders++);
-        itn_result result = itn_render(view->scene, view->theta, &options, view->parameters,
-                                       view->asked, &image, error);
-        if (!result) itn__take_in(refiner, view, &image, part % 2);
+        result = itn_render(view->scene, view->theta, &options, view->parameters, view->asked,
+                            &image, error);
+        if (!result) itn__take_in(refiner, view, &image, *part % 2);
         itn_image_free(&image);
-        if (refiner->ended) return itn__check_cancelled(refiner, error);
-        if (result) return result;
     }
-    refiner->work += spp;
-    return ITN_OK;
+    refiner->work += refiner->ended ? 0 : spp;
+    return refiner->ended ? ITN_OK : result;
 }
 
 /* Begins with pictures of blocks of pixels, of which nothing is known yet. */
@@ -9949,7 +9906,7 @@ static void itn__refine_learn(itn__refiner *refiner) {
     double d[ITN__MOST_UNKNOWNS];
     for (int k = 0; k < n; k++) {
         d[k] = refiner->coordinates[k] - refiner->before[k];
-        together &= d[k] * d[k] <= .2 * refiner->errors[k];
+        together &= d[k] * d[k] <= .2 * sqrt(refiner->covariance[k * (n + 1)]);
     }
     refiner->known = refiner->spp + (together ? refiner->known : 0);
     float share = (float)refiner->spp / (float)refiner->known;
@@ -9972,33 +9929,37 @@ static void itn__value_errors(itn__refiner *refiner) {
         refiner->value_errors[k] = sqrt(fmax(refiner->matrix[k * (n + 1)], 0));
 }
 
-static itn_result itn__refine_report(itn__refiner *refiner, itn_error *error) {
-    itn_refine_step *shown = &refiner->shown;
-    if (refiner->known) itn__value_errors(refiner), shown->errors = refiner->value_errors;
-    shown->misfit = refiner->misfit.value, shown->misfit_error = refiner->misfit.error;
-    shown->loss = refiner->misfit.loss;
-    itn__refine_tell(refiner, 1), shown->iteration++;
-    return itn__check_cancelled(refiner, error);
-}
-
 /* How many samples the next evaluation has: as the last one, or as many as are known; not more than
    there is time for. */
 static int itn__next_spp(itn__refiner *refiner, int last) {
-    double now = itn__seconds(), spp = refiner->arrived ? refiner->known : refiner->spp;
-    int wanted = refiner->final - (refiner->arrived ? refiner->known : 0);
-    if (last || spp > wanted) spp = wanted;
-    double most = (refiner->deadline - now) * refiner->work / fmax(now - refiner->since, 1e-9);
-    if (spp > most && most < 2 && !refiner->ended) refiner->ended = ITN__NO_TIME;
+    int known = refiner->arrived ? refiner->known : 0, wanted = refiner->final - known;
+    double spp = last ? wanted : fmin(known ? known : refiner->spp, wanted);
+    double left = refiner->begun + refiner->options.seconds - itn__seconds();
+    double most = left / fmax(itn__seconds_for(refiner, 1), 1e-9);
+    if (spp > most && most < 2 && !refiner->ended) refiner->ended = ITN__ENDED;
     return (int)fmax(2, fmin(spp, most));
 }
 
-/* Goes back from a point where evaluations take too long, or to media a tenth as dense. */
+/* Whether more samples may tell what is not told well, by what is known so far; it takes a first
+   few to know. */
+static int itn__wants_more(const itn__refiner *refiner) {
+    int twice = 2 * refiner->final, most = refiner->most;
+    for (int j = 0; j < refiner->count && twice <= most; j++) {
+        double told = refiner->told[j], doubt = ITN__CERTAIN * refiner->doubt[j];
+        if (told < 1.5 * doubt && (2 * twice <= most || told * most > doubt * refiner->known))
+            return 1;
+    }
+    return 0;
+}
+
+/* Goes back from a point where the misfit is larger or evaluations take too long; from a first one
+   to media a tenth as dense. */
 static void itn__retreat(itn__refiner *refiner) {
-    double there[ITN__MOST_UNKNOWNS];
-    memcpy(there, refiner->known ? refiner->before : refiner->coordinates, sizeof there);
-    for (int k = 0; k < refiner->count && !refiner->known; k++)
-        there[k] -= refiner->parameters[k]->transform == ITN_LOG ? log(10.) : 0;
-    itn__refine_set(refiner, there);
+    for (int k = 0; k < refiner->count && !refiner->known; k++) {
+        int dense = refiner->parameters[k]->transform == ITN_LOG;
+        refiner->before[k] = refiner->coordinates[k] - (dense ? log(10.) : 0);
+    }
+    itn__refine_set(refiner, refiner->before);
     refiner->ended = ITN__GOING_ON;
 }
 
@@ -10006,29 +9967,30 @@ static void itn__retreat(itn__refiner *refiner) {
    are wanted, or for so many steps. Then the step that is left is taken. */
 static itn_result itn__gauss_newton(itn__refiner *refiner, int spp, int most, itn_error *error) {
     double there[ITN__MOST_UNKNOWNS], radius = 1;
-    int back = 0;
-    for (int steps = 0; steps <= most && radius >= .01 && !refiner->ended; steps++) {
+    int done = 0;
+    for (int steps = 0; steps <= most && radius >= .01 && !refiner->ended && !done; steps++) {
         itn__misfit *known = &refiner->misfit, now;
         itn_result result = itn__refine_evaluate(refiner, spp, error);
-        int slow = refiner->ended == ITN__TOO_SLOW;
-        if (result || (refiner->ended && !slow)) return result;
-        if (slow) itn__retreat(refiner);
-        if (slow && !refiner->known) continue;
-        if (!slow) itn__misfit_of(refiner, 1, &now);
-        back = slow || (refiner->known > 0 &&
-                        now.excess - known->excess > 3 * sqrt(now.noise + known->noise));
-        if (back) itn__refine_set(refiner, refiner->before), radius /= 4;
+        int back = refiner->ended == ITN__TOO_SLOW;
+        if (result || (refiner->ended && !back)) return result;
+        if (!back) itn__misfit_of(refiner, 1, &now);
+        if (!back && refiner->known > 0)
+            back = now.excess - known->excess > 3 * sqrt(now.noise + known->noise);
+        if (back) itn__retreat(refiner), radius /= 4;
         else itn__refine_learn(refiner), radius = fmin(1, 2 * radius);
-        if (!itn__normal(refiner)) return ITN__REJECT(ITN__OVERFLOW);
+        if (!refiner->known) continue;
+        if (!itn__normal(refiner))
+            return ITN__REJECT("squares of the image's values are too large for a float");
         itn__refine_solve(refiner, radius);
-        result = itn__refine_report(refiner, error);
-        if (result) return result;
+        itn__value_errors(refiner), refiner->part = 2 * refiner->view_count;
+        itn__watch(refiner, 0), refiner->shown.iteration++;
+        done = refiner->arrived && !back &&
+               (refiner->known >= refiner->final || refiner->drawn < .1);
+        if (done && itn__wants_more(refiner)) refiner->final *= 2, most = steps + 3, done = 0;
         spp = itn__next_spp(refiner, steps + 1 >= most);
         memcpy(refiner->before, refiner->coordinates, sizeof there);
         for (int k = 0; k < refiner->count; k++) there[k] = refiner->before[k] + refiner->step[k];
         itn__refine_set(refiner, there);
-        if (refiner->arrived && !back && (refiner->known >= refiner->final || refiner->drawn < .1))
-            break;
     }
     return ITN_OK;
 }
@@ -10047,130 +10009,45 @@ static int itn__coarse_block(const itn__refiner *refiner) {
     return block;
 }
 
-/* Makes of the coordinates of one start those of another. Returns 0 if there is none. */
-static int itn__find_start(const itn__refiner *refiner, double other, double *there) {
-    int found = 0;
-    for (int k = 0; k < refiner->count; k++) {
-        const itn_parameter *p = refiner->parameters[k];
-        if (p->transform != ITN_LOGIT || p->lower >= 0) continue; /* no g */
-        if (fabs(itn_parameter_from_coordinate(p, there[k]) - other) < .2) continue;
-        there[k] = itn_parameter_to_coordinate(p, other), found = 1;
-    }
-    return found;
-}
-
 /* Searches in reduced pictures, if there is misfit left from other starts, too, along the valleys
-   of the given one and of the best, and leaves the best point. */
-static itn_result itn__refine_coarsely(itn__refiner *refiner, itn_error *error) {
-    static const double others[] = {0, .6, -.5, .6, -.5};
+   of the given one and of the best; then from the best point in whole ones. */
+static itn_result itn__refine_search(itn__refiner *refiner, itn_error *error) {
     double start[ITN__MOST_UNKNOWNS], there[ITN__MOST_UNKNOWNS], best[ITN__MOST_UNKNOWNS];
-    double paths = 0;
-    int wanted = refiner->final, block = itn__coarse_block(refiner), anew = block > 1;
+    const itn_refine_options *options = &refiner->options;
+    int block = itn__coarse_block(refiner), here = 1;
     itn__misfit least = ITN_ZERO, *now = &refiner->misfit;
     itn_result result = ITN_OK;
-    for (int way = 0; way < refiner->view_count; way++) {
-        const itn_film_desc *film = &refiner->views[way].scene->film;
-        paths += (double)film->width * film->height;
-    }
-    int spp = (int)fmax(2, fmin(refiner->options.spp, (double)ITN__COARSE_PATHS / paths));
+    double paths = 0;
+    for (int v = 0; v < refiner->view_count; v++)
+        paths += (double)refiner->views[v].scene->film.width * refiner->views[v].scene->film.height;
+    int spp = (int)fmax(2, fmin(options->spp, (double)ITN__COARSE_PATHS / paths));
     refiner->coarse = 1;
     memcpy(start, refiner->coordinates, sizeof start), memcpy(best, start, sizeof best);
-    for (int way = 0; way < 5 && !result; way++) {
+    for (int way = 0; way < 5 && !result && !refiner->ended; way++) {
+        int other = way == 0;
         if (way > 0 && least.value - 1 < 3 * least.spread) break;
         memcpy(there, way < 3 ? start : best, sizeof there);
-        if (way > 0 && !itn__find_start(refiner, others[way], there)) continue;
-        anew |= way > 0, refiner->final = (way > 0 ? 6 : 2) * spp;
+        for (int k = 0; k < refiner->count && way > 0; k++) {
+            const itn_parameter *p = refiner->parameters[k];
+            double g = way % 2 ? .6 : -.5;
+            if (p->transform != ITN_LOGIT || p->lower >= 0 || /* no g, or much the same */
+                fabs(itn_parameter_from_coordinate(p, there[k]) - g) < .2)
+                continue;
+            there[k] = itn_parameter_to_coordinate(p, g), other = 1;
+        }
+        if (!other) continue;
+        refiner->final = refiner->most = (way > 0 ? 6 : 2) * spp;
         itn__focus(refiner, block), itn__refine_set(refiner, there);
         result = itn__gauss_newton(refiner, spp, 8, error);
-        if (way == 0 || least.value - now->value > 2 * hypot(least.error, now->error))
-            memcpy(best, refiner->coordinates, sizeof best), least = *now;
-        else if (refiner->ended) anew = 2; /* here is not the best */
-        if (refiner->ended) break;
+        here = way == 0 || least.value - now->value > 2 * hypot(least.error, now->error);
+        if (here) memcpy(best, refiner->coordinates, sizeof best), least = *now;
     }
-    refiner->final = wanted, refiner->coarse = 0;
-    if (refiner->ended && anew < 2) return result;
-    if (anew && !result) itn__refine_set(refiner, best), itn__focus(refiner, 1), *now = least;
-    return result;
-}
-
-/* Whether more samples may tell what is not told well, by what is known so far; it takes a first
-   few to know. */
-static int itn__wants_more(const itn__refiner *refiner, int most) {
-    for (int j = 0; j < refiner->count; j++)
-        if (refiner->told[j] < 1.5 * ITN__CERTAIN * refiner->doubt[j] &&
-            2 * refiner->final <= most &&
-            (4 * refiner->final <= most ||
-             refiner->told[j] * most > ITN__CERTAIN * refiner->doubt[j] * refiner->known))
-            return 1;
-    return 0;
-}
-
-static itn_result itn__refine_lm(itn__refiner *refiner, int patient, itn_error *error) {
-    int most = refiner->final * ITN__PATIENCE;
-    itn_result result = itn__refine_coarsely(refiner, error);
-    if (!result && !refiner->ended)
-        result = itn__gauss_newton(refiner, refiner->options.spp, refiner->options.iterations,
-                                   error);
-    while (!result && patient && !refiner->ended && itn__wants_more(refiner, most)) {
-        refiner->final *= 2;
-        result = itn__gauss_newton(refiner, refiner->known, 2, error);
-    }
-    return result;
-}
-
-/* The loss of the last renders and its gradient in the coordinates, unbiased. */
-static double itn__refine_gradient(const itn__refiner *refiner, double *slope) {
-    const itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
-    double loss = 0, counted = 0;
-    int n = refiner->count, k;
-    memset(slope, 0, (size_t)n * sizeof(double));
-    for (; view < end; view++) {
-        const float *a = view->fresh[0], *b = view->fresh[1];
-        size_t at;
-        for (size_t i = 0; i < view->pixels; i++) {
-            double ra = (double)view->target[i] - a[i], rb = (double)view->target[i] - b[i];
-            loss += ra * rb, counted++;
-            for (k = 0, at = 2 * view->pixels + i; k < n; k++, at += view->pixels)
-                slope[k] -= a[at] * rb + b[at] * ra;
-        }
-    }
-    for (k = 0; k < n; k++) slope[k] /= counted;
-    return loss / counted;
-}
-
-/* Adam or plain descent on the unbiased loss gradient, as in the paper, with a rate that falls to a
-   tenth over the run; `square` is the unit of the loss. One evaluation gives the error bars. */
-static itn_result itn__refine_descend(itn__refiner *refiner, double square, itn_error *error) {
-    float moments[2][ITN__MOST_UNKNOWNS] = ITN_ZERO;
-    double there[ITN__MOST_UNKNOWNS];
-    int plain = refiner->options.method == ITN_METHOD_SGD, last = refiner->options.iterations;
-    itn__focus(refiner, 1);
-    for (int i = 0;; i++) {
-        double rate = refiner->options.learning_rate * pow(.1, (double)i / last);
-        int ends = i == last || refiner->ended;
-        refiner->ended = ITN__GOING_ON;
-        itn_result result =
-            itn__refine_evaluate(refiner, ends ? refiner->final : refiner->options.spp, error);
-        if (result || refiner->ended) return result;
-        if (ends) break;
-        refiner->misfit.loss = itn__refine_gradient(refiner, there);
-        result = itn__refine_report(refiner, error);
-        if (result) return result;
-        for (int k = 0; k < refiner->count; k++) {
-            float slope = (float)(there[k] / square), now = (float)refiner->coordinates[k];
-            if (!itn__finite(slope * slope)) return ITN__REJECT(ITN__OVERFLOW);
-            if (plain) now -= itn__clamp((float)rate * slope, -.5f, .5f);
-            else
-                itn__adam(rate, (uint64_t)i + 1, 1, &slope, &moments[0][k], &moments[1][k], &now);
-            there[k] = (double)now;
-        }
-        itn__refine_set(refiner, there);
-    }
-    itn__refine_learn(refiner);
-    if (!itn__normal(refiner)) return ITN__REJECT(ITN__OVERFLOW);
-    itn__refine_solve(refiner, 1);
-    refiner->arrived = 0; /* the step that is left is not taken */
-    return ITN_OK;
+    refiner->coarse = 0;
+    refiner->final = options->final_spp ? options->final_spp : ITN__FINAL * options->spp;
+    refiner->most = options->final_spp ? refiner->final : ITN__PATIENCE * refiner->final;
+    if (result || (refiner->ended && here)) return result;
+    if (!here || block > 1) itn__refine_set(refiner, best), itn__focus(refiner, 1), *now = least;
+    return itn__gauss_newton(refiner, options->spp, options->iterations, error);
 }
 
 /* ---- [estimates] values, error bars, and what they mean in words ----------------------------- */
@@ -10179,30 +10056,43 @@ static itn_result itn__refine_descend(itn__refiner *refiner, double square, itn_
    over, the step that was left counts as an error. A misfit clearly above 1 means that the scene is
    not that of the picture: errors are then sqrt(misfit) times as large, and it is said. */
 
-/* Which of the unknowns a view has, as which parameters. */
-static itn_result itn__view_unknowns(itn__refiner *refiner, itn__refine_view *view,
+/* Checks a view's picture. */
+static itn_result itn__view_check(const itn_view *given, int index, itn_error *error) {
+    const itn_film_desc *film = &given->scene->film;
+    size_t plane = (size_t)film->width * (size_t)film->height;
+    double counted = 0, sum = 0;
+    for (size_t i = 0; i < plane * (size_t)film->channels; i++) {
+        float variance = given->target_variance ? given->target_variance[i] : 0;
+        double value = (double)given->target[i];
+        int counts = variance < INFINITY;
+        const char *bad = !(variance >= 0) ? "target_variance is NaN or below 0"
+                          : counts && !itn__finite(value) ? "target is not finite"
+                          : counts && fabs(value) > 1e18 ? "target is beyond 1e18" : NULL;
+        if (bad) return ITN__REJECT("view %d: %s at pixel %d", index, bad, (int)(i % plane));
+        if (counts) sum += value * value, counted++;
+    }
+    if (!(counted > 0)) return ITN__REJECT("view %d: no value counts", index);
+    if (!(sum > 0) || sum / counted >= 1e-30) return ITN_OK;
+    return ITN__REJECT("view %d: the picture's mean square is %g, too small for floats", index,
+                       sum / counted);
+}
+
+/* Finds which of the unknowns a view has, as which parameters. */
+static itn_result itn__view_unknowns(itn__refiner *refiner, itn__refine_view *view, int index,
                                      itn_error *error) {
-    int number = (int)(view - refiner->views);
     for (int k = 0; k < refiner->count; k++) {
-        int index = view->given->parameters[k];
-        const itn_parameter *p = itn_parameter_get(view->scene, index), *first;
-        if (!p && index != -1) return ITN__REJECT("view %d has no parameter %d", number, index);
+        int own = view->given->parameters[k];
+        const itn_parameter *p = itn_parameter_get(view->scene, own), *first;
+        if (!p && own != -1) return ITN__REJECT("view %d has no parameter %d", index, own);
         if (!p) continue;
         first = refiner->parameters[k] ? refiner->parameters[k] : p, refiner->parameters[k] = first;
         if (p->transform != first->transform || p->lower != first->lower ||
             p->upper != first->upper)
             return ITN__REJECT("%s of view %d has not the bounds of %s of the first", p->name,
-                               number, first->name);
-        view->parameters[view->asked] = index, view->unknowns[view->asked++] = k;
+                               index, first->name);
+        view->parameters[view->asked] = own, view->unknowns[view->asked++] = k;
     }
-    return view->asked ? ITN_OK : ITN__REJECT("view %d has none of the unknowns", number);
-}
-
-/* Which unknown is a parameter of a view's scene; or -1. */
-static int itn__unknown_of(const itn__refine_view *view, int parameter) {
-    for (int k = 0; k < view->asked; k++)
-        if (view->parameters[k] == parameter) return view->unknowns[k];
-    return -1;
+    return view->asked ? ITN_OK : ITN__REJECT("view %d has none of the unknowns", index);
 }
 
 /* Finds the g of every sigma_t and albedo; of what is one in all channels, that of the last. */
@@ -10210,80 +10100,49 @@ static void itn__find_valleys(itn__refiner *refiner, const itn__refine_view *vie
     int channels = view->scene->film.channels;
     for (int m = 0; m < view->scene->medium_count * channels; m++) {
         const itn__medium *medium = &view->scene->media[m / channels];
-        int g = itn__unknown_of(view, medium->g[m % channels]), of[2];
-        of[0] = itn__unknown_of(view, medium->sigma_t[m % channels]);
-        of[1] = itn__unknown_of(view, medium->albedo + m % channels);
-        for (int c = 0; c < 2 && g >= 0; c++)
-            if (of[c] >= 0) refiner->g[of[c]] = g;
+        int c = m % channels;
+        for (int k = 0; k < view->asked * view->asked; k++) {
+            int g = k / view->asked, other = k % view->asked, p = view->parameters[other];
+            if (view->parameters[g] == medium->g[c] &&
+                (p == medium->sigma_t[c] || p == medium->albedo + c))
+                refiner->g[view->unknowns[other]] = view->unknowns[g];
+        }
     }
 }
 
-/* Checks a view's picture, and finds its mean square. */
-static itn_result itn__view_check(const itn__refiner *refiner, const itn_view *given, int index,
-                                  double *square, itn_error *error) {
-    const itn_film_desc *film = &given->scene->film;
-    size_t plane = (size_t)film->width * (size_t)film->height, i;
-    int lm = refiner->options.method == ITN_METHOD_LM;
-    double counted = 0, sum = 0;
-    const char *bad = NULL;
-    for (i = 0; i < plane * (size_t)film->channels && !bad; i++) {
-        float variance = given->target_variance ? given->target_variance[i] : 0;
-        double value = (double)given->target[i];
-        if (!(variance >= 0)) bad = "target_variance is NaN or below 0";
-        else if (variance == INFINITY && !lm) bad = "target_variance is infinite, for LM only,";
-        else if (variance < INFINITY && !itn__finite(value)) bad = "target is not finite";
-        else if (variance < INFINITY && fabs(value) > 1e18) bad = "target is beyond 1e18";
-        else if (variance < INFINITY) sum += value * value, counted++;
-    }
-    if (bad) return ITN__REJECT("view %d: %s at pixel %d", index, bad, (int)((i - 1) % plane));
-    if (!(counted > 0)) return ITN__REJECT("view %d: no value counts", index);
-    *square = sum > 0 ? sum / counted : 1;
-    if (*square >= 1e-30) return ITN_OK;
-    return ITN__REJECT("view %d: the picture's mean square is %g, too small for floats", index,
-                       *square);
-}
-
-/* Allocates a view's arrays, as one block, and fills in theta. */
-static itn_result itn__view_begin(itn__refiner *refiner, itn__refine_view *view,
+/* Allocates a view's arrays, as one block that begins with theta, and fills theta in. */
+static itn_result itn__view_begin(itn__refiner *refiner, itn__refine_view *view, int index,
                                   const float *values, itn_error *error) {
     const itn_film_desc *film = &view->scene->film;
-    size_t plane = (size_t)film->width * (size_t)film->height, n = (size_t)refiner->count;
-    size_t pixels = plane * (size_t)film->channels, all = 0;
-    const struct {
-        float **array;
-        size_t count;
-    } parts[14] = {{&view->theta, (size_t)view->scene->parameter_count}, /* it frees the block */
-                   {&view->score, n * plane}, {&view->scale, pixels}, {&view->spare, pixels},
-                   {&view->target, pixels}, {&view->target_variance, pixels},
-                   {&view->known[0], (2 + n) * pixels}, {&view->known[1], (2 + n) * pixels},
-                   {&view->fresh[0], (2 + n) * pixels}, {&view->fresh[1], (2 + n) * pixels},
-                   {&view->blurred[0], n * pixels}, {&view->blurred[1], n * pixels},
-                   {&view->residual[0], pixels}, {&view->residual[1], pixels}};
+    size_t pixels = (size_t)film->width * (size_t)film->height * (size_t)film->channels;
+    size_t n = (size_t)refiner->count, own = (size_t)view->scene->parameter_count;
     itn_error why;
-    for (int k = 0; k < 14; k++) all += parts[k].count;
-    float *block = (float *)itn__allocate(&view->scene->context, all, sizeof(float));
-    if (!block) return itn__out_of_memory(error, "itn_refine");
-    for (int k = 0; k < 14; block += parts[k++].count) *parts[k].array = block;
-    itn_result result = itn__view_unknowns(refiner, view, error);
+    itn_result result = itn__view_unknowns(refiner, view, index, error);
     if (result) return result;
-    if (view->given->theta) memcpy(view->theta, view->given->theta, parts[0].count * sizeof(float));
-    else itn_parameter_values(view->scene, view->theta);
+    float *at = (float *)itn__allocate(&view->scene->context, own + (14 + 7 * n) * pixels,
+                                       sizeof(float));
+    if (!at) return itn__out_of_memory(error, "itn_refine");
+    view->theta = at, view->target = at + own, view->target_variance = view->target + pixels;
+    view->scale = view->target_variance + pixels, view->spare = view->scale + pixels;
+    view->score = view->spare + pixels, at = view->score + n * pixels;
+    for (int half = 0; half < 2; half++, at += (5 + 3 * n) * pixels) {
+        view->residual[half] = at, view->known[half] = at + pixels;
+        view->fresh[half] = at + (3 + n) * pixels, view->blurred[half] = at + (5 + 2 * n) * pixels;
+    }
+    itn_parameter_values(view->scene, view->theta);
+    if (view->given->theta) memcpy(view->theta, view->given->theta, own * sizeof(float));
     for (int k = 0; k < view->asked; k++)
         view->theta[view->parameters[k]] = values[view->unknowns[k]];
     result = itn__check_theta(view->scene, view->theta, &why);
     if (!result) return ITN_OK;
-    return itn__fail(error, result, 0, "itn_refine: view %d: %s", (int)(view - refiner->views),
-                     why.message);
+    return itn__fail(error, result, 0, "itn_refine: view %d: %s", index, why.message);
 }
 
-/* Allocates, and finds where the search starts. square: the mean one of the pictures. */
+/* Allocates, and finds where the search starts. */
 static ITN__COLD itn_result itn__refine_begin(itn__refiner *refiner, const itn_view *views,
-                                              const float *values, double *square,
-                                              itn_error *error) {
+                                              const float *values, itn_error *error) {
     size_t n = (size_t)refiner->count;
-    double start[ITN__MOST_UNKNOWNS], own = 1;
-    itn_result result = ITN_OK;
-    int v;
+    double start[ITN__MOST_UNKNOWNS];
     refiner->views = (itn__refine_view *)itn__allocate(
         refiner->context, (size_t)refiner->view_count, sizeof *refiner->views);
     refiner->turn = (double *)itn__allocate(refiner->context, 5 * n * n, sizeof(double));
@@ -10291,14 +10150,13 @@ static ITN__COLD itn_result itn__refine_begin(itn__refiner *refiner, const itn_v
     refiner->matrix = refiner->turn + n * n, refiner->axes = refiner->matrix + n * n;
     refiner->noise = refiner->axes + n * n, refiner->covariance = refiner->noise + n * n;
     for (int k = 0; k < refiner->count; k++) refiner->g[k] = -1;
-    for (v = 0, *square = 0; v < refiner->view_count; v++) {
+    for (int v = 0; v < refiner->view_count; v++) {
         itn__refine_view *view = &refiner->views[v];
         view->given = &views[v], view->scene = views[v].scene;
-        result = itn__view_check(refiner, &views[v], v, &own, error);
-        if (!result) result = itn__view_begin(refiner, view, values, error);
+        itn_result result = itn__view_check(&views[v], v, error);
+        if (!result) result = itn__view_begin(refiner, view, v, values, error);
         if (result) return result;
-        if (refiner->options.method == ITN_METHOD_LM) itn__find_valleys(refiner, view);
-        *square += own / refiner->view_count;
+        itn__find_valleys(refiner, view);
     }
     for (int k = 0; k < refiner->count; k++) {
         if (!refiner->parameters[k]) return ITN__REJECT("no view has unknown %d", k);
@@ -10314,27 +10172,6 @@ static void itn__refine_end(itn__refiner *refiner) {
         itn__free(&refiner->views[v].scene->context, refiner->views[v].theta);
     itn__free(refiner->context, refiner->turn);
     itn__free(refiner->context, refiner->views);
-}
-
-/* Fills in the defaults of the options. Returns what is wrong with these, or NULL. */
-static const char *itn__refine_options_fill(itn_refine_options *options) {
-    int lm = options->method == ITN_METHOD_LM, plain = options->method == ITN_METHOD_SGD;
-    if (options->spp == 0) options->spp = 64;
-    if (options->iterations == 0) options->iterations = lm ? 20 : 200;
-    if (options->learning_rate == 0) options->learning_rate = plain ? 1 : .05;
-    if (options->seconds == 0) options->seconds = 60;
-    if (options->method < ITN_METHOD_LM || options->method > ITN_METHOD_SGD)
-        return "method is not known";
-    if (options->spp < 2 || options->spp > ITN__MOST_SPP) return "spp is not 2 to 524287";
-    if (options->final_spp == 0) options->final_spp = ITN__FINAL * options->spp;
-    if (options->final_spp < 0 || options->final_spp > ITN__MOST_FINAL)
-        return "final_spp is not 0 to 67108863";
-    if (options->iterations < 0 || options->iterations > INT_MAX - 2 || options->max_scatter < 0)
-        return "iterations or max_scatter are below 0 or too many";
-    if (!(options->learning_rate > 0 && options->learning_rate <= (plain ? 1e6 : 1)))
-        return "learning_rate is not in (0, 1] (SGD: in (0, 1e6])";
-    if (!(options->seconds > 0)) return "seconds are not above 0";
-    return options->target_variance ? "target_variance belongs into the views" : NULL;
 }
 
 /* Estimates at the present point, from what is known. */
@@ -10362,13 +10199,26 @@ static void itn__refine_estimate(itn__refiner *refiner, itn_estimate *estimates,
     }
 }
 
+/* Fills in the defaults of the options. Returns what is wrong with these, or NULL. */
+static const char *itn__refine_options_fill(itn_refine_options *options) {
+    if (options->spp == 0) options->spp = 64;
+    if (options->iterations == 0) options->iterations = 20;
+    if (options->seconds == 0) options->seconds = 60;
+    if (options->spp < 2 || options->spp > ITN__MOST_SPP) return "spp is not 2 to 524287";
+    if (options->final_spp < 0 || options->final_spp > ITN__MOST_FINAL)
+        return "final_spp is not 0 to 67108863";
+    if (options->iterations < 0 || options->iterations > INT_MAX - 4 || options->max_scatter < 0)
+        return "iterations or max_scatter are below 0 or too many";
+    if (!(options->seconds > 0)) return "seconds are not above 0";
+    return options->target_variance ? "target_variance belongs into the views" : NULL;
+}
+
 ITN_API ITN__COLD itn_result itn_refine_views(const itn_view *views, int view_count, float *values,
                                               int count, const itn_refine_options *options,
                                               itn_estimate *estimates, itn_error *error) {
     itn__refiner refiner;
     itn_refine_outcome outcome = ITN_ZERO;
     size_t n = (size_t)count;
-    double square = 1;
     if (!views || !values || !estimates || view_count < 1 || count < 1 ||
         count > ITN__MOST_UNKNOWNS)
         return ITN__REJECT("NULL argument, count %d or view_count %d", count, view_count);
@@ -10379,16 +10229,13 @@ ITN_API ITN__COLD itn_result itn_refine_views(const itn_view *views, int view_co
     refiner.view_count = view_count, refiner.count = count;
     refiner.context = &views->scene->context;
     if (options) refiner.options = *options;
-    int patient = refiner.options.final_spp == 0;
     const char *bad = itn__refine_options_fill(&refiner.options);
     if (bad) return ITN__REJECT("%s", bad);
-    refiner.final = refiner.options.final_spp, refiner.begun = itn__seconds();
-    refiner.deadline = refiner.begun + refiner.options.seconds;
-    itn_result result = itn__refine_begin(&refiner, views, values, &square, error);
-    if (!result)
-        result = refiner.options.method == ITN_METHOD_LM
-                     ? itn__refine_lm(&refiner, patient, error)
-                     : itn__refine_descend(&refiner, square, error);
+    refiner.begun = itn__seconds();
+    itn_result result = itn__refine_begin(&refiner, views, values, error);
+    if (!result) result = itn__refine_search(&refiner, error);
+    if (!result && refiner.ended == ITN__CANCELLED)
+        result = itn__fail(error, ITN_ERROR_CANCELLED, 0, "itn_refine: cancelled");
     if (!result) {
         itn__refine_estimate(&refiner, estimates, &outcome);
         memcpy(values, refiner.values, n * sizeof *values);
@@ -10419,10 +10266,12 @@ ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float 
     return result;
 }
 
-/* With values in logarithms (of sigma_t; of 1 - g or 1 - albedo, which is what the pictures of a
-   dense medium depend on; in a logit below its middle, of the value itself), a small change of a
-   product of powers is a scalar product, and the eigenvectors of the covariance are the products
+/* Words. With values in logarithms (of sigma_t; of 1 - g or 1 - albedo, which is what the pictures
+   of a dense medium depend on; in a logit below its middle, of the value itself), a small change of
+   a product of powers is a scalar product, and the eigenvectors of the covariance are the products
    that the pictures tell, from the least to the most. */
+
+enum { ITN__MOST_WORDS = 32 };
 
 /* d logarithm / d value of a parameter; below 0 where that is of one minus it. */
 static double itn__power_of(const itn_parameter *p, double value) {
@@ -10432,8 +10281,6 @@ static double itn__power_of(const itn_parameter *p, double value) {
     return 1 / fmax(fabs(value), 1e-6 * fmin((double)p->upper, 1));
 }
 
-enum { ITN__MOST_WORDS = 32 };
-
 /* What is to be told of the unknowns; covariance: of their logarithms. */
 typedef struct itn__wording {
     const itn_parameter *const *parameters;
@@ -10442,14 +10289,6 @@ typedef struct itn__wording {
     int count;
     itn__prose prose;
 } itn__wording;
-
-/* An error as suits the parameter: relative for a quantity with a logarithm, else absolute. */
-static void itn__say_error(itn__wording *words, int k) {
-    const itn_estimate *e = &words->estimates[k];
-    if (words->parameters[k]->transform == ITN_LOG && e->value > 0)
-        itn__say(&words->prose, "to %.2g %%", 100 * e->standard_error / e->value);
-    else itn__say(&words->prose, "to +-%.2g", e->standard_error);
-}
 
 /* Groups unknowns that stand in for each other: of a variance more than ten times that which they
    would have if the rest were known, 1 / (covariance^-1)_kk, and correlated. group: of each, the
@@ -10471,65 +10310,62 @@ static void itn__find_groups(const itn__wording *words, int *group) {
     }
 }
 
-/* The line of the unknowns in a group, with the product of powers that is known best, of the
-   smallest eigenvalue; the largest power is 1. */
-static void itn__say_group(itn__wording *words, const int *in, int n) {
+/* The product of powers of the unknowns in a group that is known best, of the smallest eigenvalue;
+   the largest power is 1. Returns its error. */
+static double itn__say_product(itn__wording *words, const int *in, int n) {
     double a[ITN__MOST_WORDS * ITN__MOST_WORDS], v[ITN__MOST_WORDS * ITN__MOST_WORDS], most = 0;
-    itn__prose *prose = &words->prose;
-    int i, best = 0, each = 1; /* whether each is determined by itself, too */
-    for (i = 0; i < n * n; i++) a[i] = words->covariance[in[i / n] * words->count + in[i % n]];
+    int best = 0;
+    for (int k = 0; k < n * n; k++) a[k] = words->covariance[in[k / n] * words->count + in[k % n]];
     itn__eigen(a, v, n);
-    for (i = 0; i < n; i++) {
-        each &= words->estimates[in[i]].determined;
+    for (int i = 0; i < n; i++)
         if (a[i * n + i] < a[best * n + best]) best = i;
+    for (int i = 0; i < n; i++)
+        if (fabs(v[i * n + best]) > fabs(most)) most = v[i * n + best];
+    for (int i = 0; i < n; i++) {
+        double power = v[i * n + best] / most;
+        if (fabs(power) < .005) continue;
+        itn__say(&words->prose, words->powers[in[i]] < 0 ? " (1-%s)" : " %s",
+                 words->parameters[in[i]]->name);
+        if (fabs(power - 1) > .005) itn__say(&words->prose, "^%.2f", power);
+    }
+    return sqrt(fmax(a[best * n + best], 0)) / fabs(most);
+}
+
+/* The line of the unknowns in a group, or of one that is told by itself. */
+static void itn__say_group(itn__wording *words, const int *in, int n) {
+    itn__prose *prose = &words->prose;
+    int each = 1; /* whether each is determined by itself, too */
+    for (int i = 0; i < n; i++) {
+        each &= words->estimates[in[i]].determined;
         itn__say(prose, "%s%s", i == 0 ? "" : i == n - 1 ? " and " : ", ",
                  words->parameters[in[i]]->name);
     }
-    for (i = 0; i < n; i++)
-        if (fabs(v[i * n + best]) > fabs(most)) most = v[i * n + best];
-    itn__say(prose, each ? " are determined, best together:" : " are determined only together:");
-    for (i = 0; i < n; i++) {
-        double power = v[i * n + best] / most;
-        if (fabs(power) < .005) continue;
-        itn__say(prose, words->powers[in[i]] < 0 ? " (1-%s)" : " %s",
-                 words->parameters[in[i]]->name);
-        if (fabs(power - 1) > .005) itn__say(prose, "^%.2f", power);
+    if (n == 1) {
+        itn__say(prose, each ? " is determined:" : " is hardly determined:");
+    } else {
+        itn__say(prose, " are determined%s together:", each ? ", best" : " only");
+        itn__say(prose, each ? " to %.2g %%;" : " to %.2g %%, but",
+                 100 * itn__say_product(words, in, n));
     }
-    itn__say(prose, each ? " to %.2g %%;" : " to %.2g %%, but",
-             100 * sqrt(fmax(a[best * n + best], 0)) / fabs(most));
-    for (i = 0; i < n; i++) {
-        itn__say(prose, "%s %s alone ", i ? "," : "", words->parameters[in[i]]->name);
-        itn__say_error(words, in[i]);
+    for (int i = 0; i < n; i++) {
+        const itn_estimate *e = &words->estimates[in[i]];
+        int relative = words->parameters[in[i]]->transform == ITN_LOG && e->value > 0;
+        if (n > 1)
+            itn__say(prose, "%s %s alone", i ? "," : "", words->parameters[in[i]]->name);
+        itn__say(prose, relative ? " to %.2g %%" : " to +-%.2g",
+                 relative ? 100 * e->standard_error / e->value : e->standard_error);
     }
     itn__say(prose, "\n");
-}
-
-/* The lines of unknowns that are determined by themselves, then those of groups. */
-static void itn__say_lines(itn__wording *words) {
-    int group[ITN__MOST_WORDS], in[ITN__MOST_WORDS], n;
-    itn__find_groups(words, group);
-    for (int k = 0; k < 2 * words->count; k++) {
-        int first = k % words->count, together = k >= words->count;
-        for (int l = n = 0; l < words->count; l++)
-            if (group[l] == first) in[n++] = l;
-        if (n > 1 && together) itn__say_group(words, in, n);
-        if (n != 1 || together) continue;
-        itn__say(&words->prose, "%s is %sdetermined: ", words->parameters[first]->name,
-                 words->estimates[first].determined ? "" : "hardly ");
-        itn__say_error(words, first);
-        itn__say(&words->prose, "\n");
-    }
 }
 
 ITN_API ITN__COLD int itn_refine_words(const itn_parameter *const *parameters, int count,
                                        const itn_estimate *estimates, const double *covariance,
                                        const itn_refine_outcome *outcome, char *text, size_t size) {
-    itn__wording words;
+    int group[ITN__MOST_WORDS], in[ITN__MOST_WORDS];
+    itn__wording words = {parameters, estimates, ITN_ZERO, ITN_ZERO, count, {text, size, 0}};
     if (!parameters || !estimates || !covariance || count < 1 || count > ITN__MOST_WORDS ||
         (!text && size > 0))
         return -1;
-    words.parameters = parameters, words.estimates = estimates, words.count = count;
-    words.prose.text = text, words.prose.size = size, words.prose.length = 0;
     for (int k = 0; k < count; k++) {
         const itn_estimate *e = &estimates[k];
         if (!parameters[k] || !itn__finite(e->value) || !(e->standard_error >= 0) ||
@@ -10542,7 +10378,13 @@ ITN_API ITN__COLD int itn_refine_words(const itn_parameter *const *parameters, i
         if (!itn__finite(words.covariance[k])) return -1;
     }
     if (size > 0) text[0] = 0;
-    itn__say_lines(&words);
+    itn__find_groups(&words, group);
+    for (int k = 0; k < 2 * count; k++) { /* first those that are told by themselves */
+        int n = 0;
+        for (int l = 0; l < count; l++)
+            if (group[l] == k % count) in[n++] = l;
+        if (n > 0 && (n > 1) == (k >= count)) itn__say_group(&words, in, n);
+    }
     if (outcome && !outcome->explained)
         itn__say(&words.prose, "warning: the pictures differ from the scene %.3g times more than "
                  "noise explains (misfit %.3g): do not rely on these values. Suspect the exposure "

@@ -49,7 +49,7 @@ static const char usage[] =
     "invert SCENE... [--target IMAGE]... [options]\n"
     "Finds what an object is made of, from images of it (see the top of invert.c).\n";
 enum { TARGET, MASK, CROP, GAMMA, READ_NOISE, GAIN, SATURATION, EXPOSURE, BACKGROUND, PARAMS,
-       HIDDEN, NET, METHOD, ITERATIONS, SECONDS, SPP, FINAL_SPP, SEED, THREADS, FOLDER };
+       HIDDEN, NET, ITERATIONS, SECONDS, SPP, FINAL_SPP, SEED, THREADS, FOLDER };
 static const tool_option choices[] = {
     {"--target", "IMAGE", "EXR, PFM or PNG; one for each scene, in the same order"},
     {"--mask", "IMAGE", "below .5 the target does not count; one for each target"},
@@ -63,8 +63,7 @@ static const tool_option choices[] = {
     {"--params", "name,...", "the unknowns; default: sigma_t, albedo and g of the media"},
     {"--hidden", "name=value,...", "without --target: what is sought, and its values"},
     {"--net", "WEIGHTS", "start from what a network of train.c reads"},
-    {"--method", "lm|adam|sgd", "default lm, Levenberg-Marquardt"},
-    {"--iterations", "N", "at most so many; default 20 (lm), 200"},
+    {"--iterations", "N", "at most so many; default 20"},
     {"--seconds", "S", "at most so long; default 60"},
     {"--spp", "N", "samples per pixel of a render; default 48"},
     {"--final-spp", "N", "of those that are averaged in the end; default by need, 6 to 192 spp"},
@@ -89,7 +88,6 @@ typedef struct picture {
 typedef struct history {
     const itn_parameter *unknowns[MOST_PARAMETERS];
     int count, rows;
-    int noise; /* whether misfit is in units of noise; else it is the loss, with adam and sgd */
     int blocks[MOST_ROWS]; /* pixels a side that are one in the pictures that a step compares */
     double misfit[MOST_ROWS], misfit_error[MOST_ROWS];
     double values[MOST_PARAMETERS][MOST_ROWS], errors[MOST_PARAMETERS][MOST_ROWS];
@@ -109,13 +107,9 @@ static int show_step(void *user, const itn_refine_step *step) {
         return interrupted;
     }
     row = h->rows < MOST_ROWS ? h->rows++ : MOST_ROWS - 1;
-    if (step->misfit > 0)
-        printf("%3d  misfit %.4g +- %.2g ", step->iteration, step->misfit, step->misfit_error);
-    else printf("%3d  loss %.4e ", step->iteration, step->loss);
-    h->noise |= step->misfit > 0;
-    h->misfit[row] = h->noise ? fmax(step->misfit, .1) : fabs(step->loss);
+    printf("%3d  misfit %.4g +- %.2g ", step->iteration, step->misfit, step->misfit_error);
+    h->misfit[row] = fmax(step->misfit, .1), h->misfit_error[row] = step->misfit_error;
     h->blocks[row] = step->block;
-    h->misfit_error[row] = h->noise ? step->misfit_error : 0;
     for (k = 0; k < h->count; k++) {
         h->values[k][row] = (double)step->values[k];
         h->errors[k][row] = step->errors ? step->errors[k] : 0;
@@ -430,7 +424,7 @@ static void draw_chart(itn_image *page, const history *h, int place, int top, co
         y.from = fmin(y.from, values[i]), y.to = fmax(y.to, values[i]);
     }
     if (is_misfit) {
-        y.from = fmax(fmin(y.from, h->noise ? 1 : INFINITY), 1e-30) / 1.6;
+        y.from = fmin(y.from, 1) / 1.6;
         y.to = fmax(y.to * 1.6, 4 * y.from);
     } else {
         double range = y.to - y.from, most = .5 * (fabs(y.to) + range);
@@ -439,7 +433,7 @@ static void draw_chart(itn_image *page, const history *h, int place, int top, co
         y.from -= room, y.to += room;
     }
     sheet_axes(page, b, x, y, title, "step");
-    if (is_misfit && h->noise) {
+    if (is_misfit) {
         double floor = sheet_height(b, y, 1);
         sheet_line(page, b.left, floor, b.left + b.width, floor, 1.5, SHEET_GREY);
         sheet_text(page, b.left + b.width, floor + 11, 1, 7, SHEET_GREY, "noise");
@@ -474,7 +468,7 @@ static void save_sheet(const picture *p, const itn_image *image, int count, cons
     b.height = height;
     snprintf(text, sizeof text, "%s", strrchr(p->stem, '/') ? strrchr(p->stem, '/') + 1 : p->stem);
     sheet_text(&page, GAP, 32, -1, 14, SHEET_INK, text);
-    if (h && h->noise) {
+    if (h) {
         snprintf(text, sizeof text,
                  "misfit %.3g " SHEET_PLUS_MINUS " %.1g: the scene %s the picture", outcome->misfit,
                  outcome->misfit_error,
@@ -518,7 +512,7 @@ static void save_sheet(const picture *p, const itn_image *image, int count, cons
         sheet_bar(&page, b, most, "");
     }
     if (h) draw_chart(&page, h, 0, charts, h->misfit, h->misfit_error,
-                      h->noise ? "misfit over noise" : "loss", 1, 5);
+                      "misfit over noise", 1, 5);
     for (k = 0; h && k < h->count; k++)
         draw_chart(&page, h, k + 1, charts, h->values[k], h->errors[k], h->unknowns[k]->name, 0, k);
     snprintf(text, sizeof text, "%s_sheet.png", p->stem);
@@ -675,9 +669,6 @@ int main(int argc, char **argv) {
         case PARAMS: names = value; break;
         case HIDDEN: hidden_list = value; break;
         case NET: network = value; break;
-        case METHOD:
-            refine.method = (itn_method)tool_choice("--method", "lm|adam|sgd", value);
-            break;
         case ITERATIONS: refine.iterations = tool_whole("--iterations", value, 0); break;
         case SECONDS: refine.seconds = tool_number("--seconds", value, 0, 1e9); break;
         case SPP: refine.spp = tool_whole("--spp", value, 2); break;

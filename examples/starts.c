@@ -2,7 +2,7 @@
    Transport Networks" (2018); and pictures of what the networks' answers look like.
 
    You learn: how to go on from a network's estimate with plain stochastic gradient descent on
-   itn_loss_gradient, as the paper does, and with itn_refine's Levenberg-Marquardt.
+   itn_loss_gradient, as the paper does, and with itn_refine's Gauss-Newton.
 
    Compile: cc -O3 -march=native starts.c -o starts -lm -lpthread
    Run:     ./starts --data data -o out rn.net ssn.net itn.net
@@ -46,10 +46,12 @@ typedef struct mark {
     double loss, errors[3];
 } mark;
 
+enum { DESCENT, REFINEMENT };
+
 /* One picture, one network's answer, one method. */
 typedef struct search {
     int picture, network;
-    itn_method method; /* ADAM stands for plain descent here */
+    int method;
     float answer[3];   /* coordinates */
     double mean;       /* of the pictures' brightness, in whose units the network's losses are */
     mark marks[MOST_MARKS];
@@ -64,13 +66,13 @@ typedef struct searches {
 } searches;
 
 /* Descent marks its first iteration, then every 50th. */
-static int mark_count(const settings *s, itn_method method) {
-    return method == ITN_METHOD_LM ? 2 : 1 + s->iterations / MARK;
+static int mark_count(const settings *s, int method) {
+    return method == REFINEMENT ? 2 : 1 + s->iterations / MARK;
 }
 
-static int mark_iteration(const settings *s, itn_method method, int index) {
+static int mark_iteration(const settings *s, int method, int index) {
     if (index == 0) return 1;
-    return method == ITN_METHOD_LM ? (s->iterations + 9) / 10 : index * MARK;
+    return method == REFINEMENT ? (s->iterations + 9) / 10 : index * MARK;
 }
 
 /* ---- searching ---- */
@@ -147,7 +149,7 @@ static void refine(const searches *all, search *one, const itn_scene *scene, flo
     for (k = 0; k < 3; k++) coordinates[k] = one->answer[k];
     set_theta(all, scene, coordinates, theta);
     one->marks[0] = judge(all, one, scene, theta, target);
-    options.iterations = mark_iteration(all->settings, ITN_METHOD_LM, 1);
+    options.iterations = mark_iteration(all->settings, REFINEMENT, 1);
     options.spp = all->settings->spp;
     options.seed = mix((uint64_t)all->settings->seed, (uint64_t)one->picture, 8);
     if (itn_refine(scene, theta, target, all->stages.parameters, 3, &options, estimates, &error))
@@ -162,7 +164,7 @@ static void run_search(void *task, int index) {
     float *theta = (float *)need((size_t)itn_parameter_count(scene), sizeof *theta);
     float *target = (float *)need(PIXELS, sizeof *target);
     get_picture(&all->pictures, one->picture, target);
-    if (one->method == ITN_METHOD_LM) refine(all, one, scene, theta, target);
+    if (one->method == REFINEMENT) refine(all, one, scene, theta, target);
     else descend(all, one, scene, theta, target);
     fprintf(stderr, ".");
     free(target);
@@ -217,7 +219,7 @@ static void list_searches(searches *all) {
             for (method = 0; method < 2; method++) {
                 search *one = &all->list[all->count++];
                 one->picture = order[i], one->network = n, one->mean = m.mean;
-                one->method = method ? ITN_METHOD_LM : ITN_METHOD_ADAM;
+                one->method = method;
                 memcpy(one->answer, answer, sizeof answer);
             }
         }
@@ -239,7 +241,7 @@ static void print_table(const searches *all) {
             model m;
             search like;
             memset(&like, 0, sizeof like);
-            like.network = n, like.method = method ? ITN_METHOD_LM : ITN_METHOD_ADAM;
+            like.network = n, like.method = method;
             load_model(s->networks[n], &m);
             for (i = used = 0; i < all->count; i++)
                 used += all->list[i].network == n && all->list[i].method == like.method;

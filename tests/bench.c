@@ -1049,7 +1049,8 @@ static void bench_bias(const char *csv, const char *mesh, int quick) {
 /* Every method gets the same seconds, and its samples or its step size by the same rule: of three
    settings, the one whose searches from both starts in both scenes, with a trial seed, leave the
    smallest loss (geometric mean). Rates fall to a tenth over as many steps as fit. */
-enum { METHODS = 3, SETTINGS = 3, STARTS = 2, HIDDEN = 2, SEEDS = 5, TIMES = 10 };
+enum { NEWTON, ADAM, SGD, METHODS };
+enum { SETTINGS = 3, STARTS = 2, HIDDEN = 2, SEEDS = 5, TIMES = 10 };
 static const char *const method_names[METHODS] = {"LM", "Adam", "SGD"};
 static const double settings[METHODS][SETTINGS] = {{16, 32, 64}, {.05, .15, .5}, {1, 10, 100}};
 static const char *const start_names[STARTS] = {"near", "far"};
@@ -1062,15 +1063,52 @@ typedef struct descent {
     float values[4096][MATERIAL];
 } descent;
 
-static int note_step(void *user, const itn_refine_step *step) {
-    descent *d = (descent *)user;
+/* Returns whether time is up. */
+static int note_theta(descent *d, const float *theta) {
     double seconds = processor_seconds() - d->began;
     int k;
-    if (step->fraction < 1) return 0;
-    if (d->steps == 4096 || (d->steps && seconds > d->budget)) return -1;
-    for (k = 0; k < MATERIAL; k++) d->values[d->steps][k] = step->theta[d->parameters[k]];
+    if (d->steps == 4096 || (d->steps && seconds > d->budget)) return 1;
+    for (k = 0; k < MATERIAL; k++) d->values[d->steps][k] = theta[d->parameters[k]];
     d->seconds[d->steps++] = seconds;
     return 0;
+}
+
+static int note_step(void *user, const itn_refine_step *step) {
+    return step->fraction == 1 && note_theta((descent *)user, step->theta) ? -1 : 0;
+}
+
+/* Adam or plain descent in the coordinates on the loss gradient over the picture's mean square, by a
+   rate that falls to a tenth. */
+static void follow_gradient(const subject *s, const itn_image *target, float *theta, int method,
+                            double rate, int iterations, uint64_t seed, descent *d) {
+    double at[MATERIAL], m[MATERIAL] = {0}, v[MATERIAL] = {0}, gradient[MATERIAL], loss, square = 0;
+    size_t i;
+    int k, n;
+    for (i = 0; i < (size_t)pixel_count(s); i++)
+        square += pow(target->pixels[i], 2) / pixel_count(s);
+    for (k = 0; k < MATERIAL; k++)
+        at[k] = itn_parameter_to_coordinate(itn_parameter_get(s->made, d->parameters[k]),
+                                            theta[d->parameters[k]]);
+    d->steps = 0, d->began = processor_seconds();
+    for (n = 0; n < iterations; n++) {
+        double now = rate * pow(.1, (double)n / iterations);
+        itn_render_options options = ITN_ZERO;
+        itn_error error;
+        options.spp = 4, options.seed = seed * 1000003 + (uint64_t)n;
+        need(itn_loss_gradient(s->made, theta, &options, target->pixels, d->parameters, MATERIAL,
+                               &loss, gradient, &error), &error);
+        if (note_theta(d, theta)) return;
+        for (k = 0; k < MATERIAL; k++) {
+            const itn_parameter *p = itn_parameter_get(s->made, d->parameters[k]);
+            double g = gradient[k] / square * itn_parameter_slope(p, theta[d->parameters[k]]);
+            m[k] = .9 * m[k] + .1 * g, v[k] = .999 * v[k] + .001 * g * g;
+            if (method == SGD) at[k] -= fmax(-.5, fmin(.5, now * g));
+            else at[k] -= now * m[k] / (1 - pow(.9, n + 1)) /
+                          (sqrt(v[k] / (1 - pow(.999, n + 1))) + 1e-8);
+            theta[d->parameters[k]] = (float)itn_parameter_from_coordinate(p, at[k]);
+        }
+    }
+    note_theta(d, theta);
 }
 
 /* Searches for the material of a picture, until the method stops by itself or time is up. */
@@ -1087,9 +1125,11 @@ static void descend(const subject *s, const itn_image *target, int method, doubl
     itn_parameter_values(s->made, theta);
     for (k = 0; k < MATERIAL; k++)
         theta[d->parameters[k]] = (float)(from[start][k] * (k ? 1 : s->sigma_t));
-    options.method = (itn_method)method, options.seed = seed, options.iterations = iterations;
-    options.spp = method == ITN_METHOD_LM ? (int)setting : 4;
-    if (method != ITN_METHOD_LM) options.learning_rate = setting;
+    if (method != NEWTON) {
+        follow_gradient(s, target, theta, method, setting, iterations, seed, d);
+        return;
+    }
+    options.seed = seed, options.iterations = iterations, options.spp = (int)setting;
     options.target_variance = target->pixels + (size_t)pixel_count(s);
     options.progress = note_step, options.progress_user = d;
     d->steps = 0, d->began = processor_seconds();
@@ -1151,7 +1191,7 @@ static double search(walk_bench *bench, const hidden *h, int method, double sett
     double loss;
     int iterations = 200;
     d.budget = budget;
-    if (method != ITN_METHOD_LM) { /* how many steps fit? */
+    if (method != NEWTON) { /* how many steps fit? */
         descend(&h->s, &h->target, method, setting, start, 5, 99, &d);
         iterations = (int)(budget / ((d.seconds[d.steps - 1] - d.seconds[0]) / (d.steps - 1))) + 1;
     }

@@ -135,7 +135,7 @@ keep "render -h" ./render -h
 prints '--spp N +samples per pixel'
 refused 'did you mean --target' "invert: an option misspelt" ./invert default.itn --targte a.exr
 refused '--seed: needs a value' "invert: a value missing" ./invert default.itn --seed
-refused 'lm.adam.sgd' "invert: no such method" ./invert default.itn --method newton
+refused 'known.unknown' "invert: no such choice" ./invert default.itn --exposure guessed
 refused 'did you mean milk.sigma_t' "invert: a name misspelt" ./invert default.itn --params sigma_t
 for choice in "sampler sobol" "sampler random" "estimator baseline" "estimator score"; do
     # shellcheck disable=SC2086
@@ -156,8 +156,8 @@ refused "another scene's" "two scenes' results of one name" ./invert default_2.i
 refused 'no folder' "a file for a folder" ./invert default.itn --spp 8 -o default.itn
 refused 'needed for each' "one target for two scenes" ./invert default.itn default.itn \
     --target quick/default_estimate.exr
-check "invert --method adam" ./invert default.itn --method adam --params milk.albedo \
-    --hidden milk.albedo=0.85 --iterations 30 --spp 4 -o quick
+check "invert --seconds" ./invert default.itn --params milk.albedo \
+    --hidden milk.albedo=0.85 --seconds 9 --spp 4 -o quick
 
 # photos: PNGs of three times the film's size, in units of their own, as a camera codes them; found all
 # the same, with a start that is off, and refused where the scene is another

@@ -1296,53 +1296,7 @@ static void test_seeds_of_the_loss(void) {
     itn_mesh_free(&box);
 }
 
-typedef struct record {
-    int count;
-    double losses[8];
-} record;
-
-static int record_loss(void *user, const itn_refine_step *step) {
-    record *r = (record *)user;
-    if (r->count < 8 && step->fraction == 1) r->losses[r->count++] = step->loss;
-    return 0;
-}
-
-/* Refinements with neighbouring seeds share no render. The steps are so small that theta stays
-   where it is: every iteration measures the same loss, each time anew. */
-static void test_seeds_of_the_refinement(uint64_t planted) {
-    itn_mesh box = unit_box();
-    itn_scene *scene;
-    itn_error error;
-    record records[3];
-    float target[16] = {0}, theta[8];
-    int k, i, j, parameter, same = 0;
-    stage s;
-    begin_box(&s, &box, 1, .5);
-    scene = stage_make(&s);
-    parameter = itn_parameter_find(scene, "m.albedo");
-    memset(records, 0, sizeof records);
-    for (k = 0; k < 3; k++) {
-        itn_refine_options options = ITN_ZERO;
-        itn_estimate estimate;
-        options.method = ITN_METHOD_ADAM, options.iterations = 4, options.spp = 8;
-        options.seed = planted ? planted : (uint64_t)k + 1, options.learning_rate = 1e-30;
-        options.progress = record_loss, options.progress_user = &records[k];
-        itn_parameter_values(scene, theta);
-        stage_need(itn_refine(scene, theta, target, &parameter, 1, &options, &estimate, &error),
-                   &error);
-        CHECK(records[k].count >= 4);
-    }
-    for (k = 0; k < 2; k++)
-        for (i = 0; i < records[k].count; i++)
-            for (j = 0; j < records[k + 1].count; j++)
-                same += records[k].losses[i] == records[k + 1].losses[j] ||
-                        records[0].losses[i] == records[2].losses[j];
-    CHECK(same == 0);
-    itn_scene_free(scene);
-    itn_mesh_free(&box);
-}
-
-/* Adam's steps do not depend on the unit of light. Pictures so dark that floats lose their squares
+/* Steps do not depend on the unit of light. Pictures so dark that floats lose their squares
    are refused. planted: the second picture is another. */
 static void test_refinement_in_dim_light(double planted) {
     static const double lights[3] = {1, 1e-6, 1e-18};
@@ -1362,7 +1316,7 @@ static void test_refinement_in_dim_light(double planted) {
         scene = stage_make(&s);
         parameter = itn_parameter_find(scene, "m.albedo");
         for (i = 0; i < 16; i++) target[i] = (float)(lights[k] * (.8 + (k ? planted : 0)));
-        options.method = ITN_METHOD_ADAM, options.iterations = 6, options.spp = 8;
+        options.iterations = 6, options.spp = 8;
         itn_parameter_values(scene, theta);
         error.message[0] = 0;
         CHECK(itn_refine(scene, theta, target, &parameter, 1, &options, &estimate, &error) ==
@@ -1740,7 +1694,6 @@ int main(void) {
     RUN(test_index_of_one());
     RUN(test_visitors(0));
     RUN(test_seeds_of_the_loss());
-    RUN(test_seeds_of_the_refinement(0));
     RUN(test_refinement_in_dim_light(0));
     RUN(test_thickness_of_a_drawn_out_box(0));
     RUN(test_coordinates_beyond());
@@ -1768,7 +1721,6 @@ int main(void) {
     CHECK_CATCHES(test_power_of_the_sun(.003));
     CHECK_CATCHES(test_index_derivative_beside_black_red(.05));
     CHECK_CATCHES(test_visitors(1));
-    CHECK_CATCHES(test_seeds_of_the_refinement(5));
     CHECK_CATCHES(test_refinement_in_dim_light(-.6));
     CHECK_CATCHES(test_thickness_of_a_drawn_out_box(1));
     CHECK_CATCHES(test_faces_in_one_point(1e-4));
