@@ -10426,7 +10426,7 @@ ITN__NOINLINE void itn__put(itn__buffer *buffer, const void *bytes, size_t size)
     size_t capacity = buffer->capacity;
     if (!buffer->failed && size >= capacity - buffer->size) { /* never full: even none has room */
         capacity += size < capacity ? capacity : size + 1; /* each is at most SIZE_MAX / 2 */
-        unsigned char *grown = (unsigned char *)itn__allocate(&buffer->context, capacity, 1);
+        unsigned char *grown = ITN__NEW(unsigned char, &buffer->context, capacity);
         buffer->failed = !grown;
         if (!grown) return;
         if (buffer->size) memcpy(grown, buffer->bytes, buffer->size);
@@ -10604,12 +10604,14 @@ extern "C"
 __declspec(dllimport) int __stdcall MoveFileExA(const char *from, const char *to,
                                                 unsigned long flags);
 #define ITN__SYNC(file) _commit(_fileno(file))
+#define ITN__RENAME(from, to) (MoveFileExA(from, to, 1 | 8) ? 0 : EACCES) /* replace, and sync */
 #else
 #include <unistd.h>
 #ifndef __cplusplus
 int fsync(int file), fileno(FILE *file); /* strict C99 does not tell of them */
 #endif
 #define ITN__SYNC(file) fsync(fileno(file))
+#define ITN__RENAME(from, to) (rename(from, to) ? errno : 0)
 #endif
 
 /* Makes a buffer of a file of at most `limit` bytes; on failure it is empty. */
@@ -10633,49 +10635,40 @@ static itn_result itn__read_file(const char *path, size_t limit, const itn_conte
     return result;
 }
 
-/* Gives a file the name of another, which it replaces; returns 0, or errno. `temporary`, its name
-   till now, is lost. */
-static int itn__replace_file(char *temporary, const char *path) {
-#ifdef _WIN32
-    return MoveFileExA(temporary, path, 1 | 8) ? 0 : EACCES; /* replace; wait for the disk */
-#else
-    char *slash = strrchr(temporary, '/');
-    if (rename(temporary, path)) return errno;
-    strcpy(slash ? slash + 1 : temporary, slash ? "" : ".");
-    FILE *folder = fopen(temporary, "r"); /* without it, the name may get lost, not the file */
-    if (folder) fsync(fileno(folder)), fclose(folder);
-    return 0;
-#endif
-}
-
 /* Replaces a file by what was composed in a buffer, which is freed; on failure the file is as it
    was, and the temporary is removed. Devices cannot be replaced by a rename and are written to
    directly; what is in /dev/shm/ is none. */
 static itn_result itn__write_file(const char *path, itn__buffer *buffer, itn_error *error) {
-    char temporary[4096];
+    char name[4096], *slash; /* of the temporary, then of the folder */
     int device = path && !strncmp(path, "/dev/", 5) && strncmp(path, "/dev/shm/", 9);
     int cause = EEXIST;
     FILE *file = NULL;
     itn_result result = ITN_OK;
-    if (!path || strlen(path) >= sizeof temporary - 8)
+    if (!path || strlen(path) >= sizeof name - 8)
         result = itn__fail(error, ITN_ERROR_ARGUMENT, 0, "path is NULL or longer than 4087 bytes");
     else if (buffer->failed) result = itn__out_of_memory(error, path);
     for (int k = 0; !result && k < 10000 && !file && cause == EEXIST; k++) {
-        itn__print(temporary, sizeof temporary, "%s.tmp%d", path, k);
-        file = device ? fopen(path, "wb") : fopen(temporary, "wbx"); /* x: it must be new */
+        itn__print(name, sizeof name, "%s.tmp%d", path, k);
+        file = device ? fopen(path, "wb") : fopen(name, "wbx"); /* x: it must be new */
         cause = errno;
     }
     if (file) {
         errno = EIO; /* unless the system knows better; to sync what is no disk is EINVAL */
-        cause = fwrite(buffer->bytes, 1, buffer->size, file) == buffer->size && !fflush(file) &&
-                        (!ITN__SYNC(file) || errno == EINVAL)
-                    ? 0 : errno;
+        int written = fwrite(buffer->bytes, 1, buffer->size, file) == buffer->size &&
+                      !fflush(file) && (!ITN__SYNC(file) || errno == EINVAL);
+        cause = written ? 0 : errno;
         if (fclose(file) && !cause) cause = errno;
-        if (!cause && !device) cause = itn__replace_file(temporary, path);
-        if (cause && !device) remove(temporary);
+        if (!cause && !device) cause = ITN__RENAME(name, path);
+        if (cause && !device) remove(name);
     }
     if (!result && cause)
         result = itn__fail(error, ITN_ERROR_FILE, 0, "%s: cannot write: %s", path, strerror(cause));
+    if (!result && !device) { /* the folder: without it, the name may get lost, not the file */
+        slash = strrchr(name, '/');
+        strcpy(slash ? slash + 1 : name, slash ? "" : ".");
+        file = fopen(name, "r");
+        if (file) ITN__SYNC(file), fclose(file);
+    }
     itn__buffer_free(buffer);
     return result;
 }
@@ -10836,15 +10829,6 @@ static float *itn__pixel(const itn_image *image, int plane, int row, int x) {
     return image->pixels + line * (size_t)image->width + (size_t)x;
 }
 
-/* Makes the image of a file. Returns 0 if that failed, or something before it. */
-static int itn__begin_image(itn__text *text, int64_t width, int64_t height, int planes,
-                            itn_image *image) {
-    if (!text->result)
-        text->result = itn_image_create((int)width, (int)height, planes, text->context, image,
-                                        text->error);
-    return !text->result;
-}
-
 /* An EXR file of one part of scan lines (OpenEXR's "File Layout" document): magic number, version
    and flags, attributes (name, type, size, value) up to an empty name, a table of the blocks'
    offsets, the blocks. A block is its first y, the size of its data, and the data: 1 line (none,
@@ -10862,9 +10846,8 @@ enum { ITN__EXR_NONE, ITN__EXR_RLE, ITN__EXR_ZIPS, ITN__EXR_ZIP };
 typedef struct itn__exr_box { int64_t x, y, width, height; } itn__exr_box;
 
 typedef struct itn__exr {
-    itn__text *text;
-    const char *names[ITN__EXR_CHANNELS]; /* in the file's bytes */
-    unsigned char types[ITN__EXR_CHANNELS];
+    const char *names[ITN__EXR_CHANNELS + 1]; /* in the file's bytes */
+    unsigned char types[ITN__EXR_CHANNELS + 1];
     int channels, compression;
     itn__exr_box data, display;
     int64_t lines; /* of a block */
@@ -10875,25 +10858,23 @@ typedef struct itn__exr {
 /* Steps over zero-terminated text; "" where it does not end. */
 static const char *itn__take_string(itn__text *text) {
     const char *string = text->at;
-    const void *zero = memchr(string, 0, (size_t)(text->end - string));
-    size_t size = zero ? (size_t)((const char *)zero - string) + 1 : SIZE_MAX;
-    return itn__take_bytes(text, size) ? string : "";
+    while (itn__take_number(text, 1, 0)) continue;
+    return text->result ? "" : string;
 }
 
 /* Reads the channel list: for each a name, then its type, 4 bytes of hints, x and y sampling. */
-static void itn__exr_channel_list(itn__exr *exr, itn__text *text) {
+static void itn__exr_channel_list(itn__text *text, itn__exr *exr) {
     const char *name;
-    for (int n = 0; *(name = itn__take_string(text)) && !text->result; exr->channels = ++n) {
+    for (int n = 0; *(name = itn__take_string(text)); exr->channels = ++n) {
         uint64_t type = itn__take_number(text, 8, 0) & 0xffffffff;
         uint64_t sampling = itn__take_number(text, 8, 0);
-        int wrong = type > ITN__EXR_FLOAT;
-        for (int i = 0; i < n; i++) wrong |= !strcmp(name, exr->names[i]);
-        if (wrong)
+        int known = 0;
+        for (int i = 0; i < n; i++) known |= !strcmp(name, exr->names[i]);
+        if (known || type > ITN__EXR_FLOAT)
             ITN__DAMAGED(text, "EXR channel '%.63s' is there twice, or has no valid type", name);
         if (n == ITN__EXR_CHANNELS || strlen(name) >= ITN_NAME_SIZE || sampling != 0x100000001)
-            ITN__UNSUPPORTED(text, "EXR channel '%.63s' cannot be read: it is the 1025th, has a "
-                             "name of over 63 characters, or is subsampled", name);
-        if (text->result) return;
+            ITN__UNSUPPORTED(text, "EXR channel '%.63s' is subsampled, the 1025th, or has a name "
+                             "of more than 63 characters", name);
         exr->names[n] = name, exr->types[n] = (unsigned char)type;
         exr->line += type == ITN__EXR_HALF ? 2 : 4;
     }
@@ -10912,36 +10893,35 @@ static itn__exr_box itn__exr_take_box(itn__text *text) {
 
 /* Reads the header, up to the blocks, and checks that the file is large enough for what it promises
    (deflate shrinks at most 1032-fold). */
-static void itn__exr_header(itn__exr *exr) {
-    itn__text *text = exr->text;
+static void itn__exr_header(itn__text *text, itn__exr *exr) {
     uint64_t version = itn__take_number(text, 8, 0) >> 32; /* behind the magic number */
     itn__exr_box *data = &exr->data, *display = &exr->display;
     const char *name;
     exr->compression = -1;
     if ((version & ~(uint64_t)ITN__EXR_LONG_NAMES) != 2)
         ITN__UNSUPPORTED(text, "EXR of tiles, deep data, several parts or another version than 2");
-    while (!text->result && *(name = itn__take_string(text))) {
+    while (*(name = itn__take_string(text))) {
         itn__take_string(text); /* the type */
         itn__text value = itn__take_part(text, itn__take_u32(text));
-        if (!strcmp(name, "channels")) itn__exr_channel_list(exr, &value);
+        if (!strcmp(name, "channels")) itn__exr_channel_list(&value, exr);
         if (!strcmp(name, "compression")) exr->compression = (int)itn__take_number(&value, 1, 0);
         if (!strcmp(name, "dataWindow")) *data = itn__exr_take_box(&value);
         if (!strcmp(name, "displayWindow")) *display = itn__exr_take_box(&value);
         text->result = value.result;
     }
     if (!display->width) *display = *data;
+    double pixels = (double)(data->width * data->height), bytes = (double)exr->line * pixels;
+    double most = (exr->compression ? 1032 : 1) * (double)(text->end - text->at);
     if (exr->compression > ITN__EXR_ZIP)
-        ITN__UNSUPPORTED(text, "EXR compression %d (4 is PIZ, from 6 on B44, DWA)",
+        ITN__UNSUPPORTED(text, "EXR compression %d (4 is PIZ, 6 and 7 B44, 8 and 9 DWA)",
                          exr->compression);
     if (!exr->channels || exr->compression < 0 || !data->width)
         ITN__DAMAGED(text, "EXR header lacks channels, compression or data window");
-    double pixels = (double)(data->width * data->height), most = (double)(SIZE_MAX / 4);
-    most = fmin(most, (exr->compression ? 1032 : 1) * (double)(text->end - text->at));
-    if ((double)exr->line * pixels > most ||
+    if (bytes > fmin(most, (double)(SIZE_MAX / 4)) ||
         (double)(display->width * display->height) > 256 * pixels)
         ITN__DAMAGED(text, "EXR windows are larger than the data: cut off or damaged");
-    exr->line *= (size_t)data->width, exr->lines = exr->compression == ITN__EXR_ZIP ? 16 : 1;
-    if (exr->lines > data->height) exr->lines = data->height;
+    exr->line *= (size_t)data->width;
+    exr->lines = exr->compression != ITN__EXR_ZIP ? 1 : data->height < 16 ? data->height : 16;
 }
 
 /* Decompresses a block of `size` bytes to behind these. Run lengths are a count n < 128, and then a
@@ -10970,8 +10950,8 @@ static float itn__half_to_float(uint32_t bits) {
 }
 
 /* Reads one block, and spreads its lines over the image's planes. */
-static void itn__exr_block(itn__exr *exr, itn_image *image) {
-    itn__text *text = exr->text, in = *text;
+static void itn__exr_block(itn__text *text, itn__exr *exr, itn_image *image) {
+    itn__text in = *text;
     int64_t row = (int32_t)itn__take_u32(text) - exr->data.y;
     int64_t end = row + exr->lines < exr->data.height ? row + exr->lines : exr->data.height;
     size_t size = itn__take_u32(text), raw = exr->line * (size_t)(end - row);
@@ -11001,9 +10981,12 @@ static void itn__exr_block(itn__exr *exr, itn_image *image) {
 
 static ITN__COLD void itn__exr_decode(itn__text *text, itn_image *image) {
     itn__exr exr = ITN_ZERO;
-    exr.text = text, text->line = 0;
-    itn__exr_header(&exr);
-    if (!itn__begin_image(text, exr.display.width, exr.display.height, exr.channels, image)) return;
+    text->line = 0;
+    itn__exr_header(text, &exr);
+    if (!text->result)
+        text->result = itn_image_create((int)exr.display.width, (int)exr.display.height,
+                                        exr.channels, text->context, image, text->error);
+    if (text->result) return;
     for (int i = 0; i < exr.channels; i++) itn__copy_name(image->names[i], exr.names[i]);
     size_t blocks = (size_t)((exr.data.height - 1) / exr.lines + 1);
     exr.seen = ITN__NEW(unsigned char, &image->context, 2 * exr.line * (size_t)exr.lines + blocks);
@@ -11012,7 +10995,7 @@ static ITN__COLD void itn__exr_decode(itn__text *text, itn_image *image) {
     itn__take_bytes(text, 8 * blocks); /* the table */
     text->part = "EXR block";
     for (; text->number < (double)blocks && !text->result; text->number++)
-        itn__exr_block(&exr, image);
+        itn__exr_block(text, &exr, image);
     itn__free(&image->context, exr.seen);
 }
 
@@ -11033,7 +11016,10 @@ static void itn__pfm_decode(itn__text *text, int channels, itn_image *image) {
     /* the one white space character, or two, of a file that was written as text on Windows */
     if (left != 1 && !(left == 2 && itn__newline(text->at, text->end) == 2))
         ITN__DAMAGED(text, "PFM has %.0f bytes of pixels, needs %.0f", needed + left - 1, needed);
-    if (!itn__begin_image(text, (int64_t)header[0], (int64_t)header[1], channels, image)) return;
+    if (!text->result)
+        text->result = itn_image_create((int)header[0], (int)header[1], channels, text->context,
+                                        image, text->error);
+    if (text->result) return;
     const unsigned char *bytes = (const unsigned char *)text->at + (int)left;
     for (int k = 0; k < channels; k++) image->names[k][0] = "YRGB"[k + channels / 3];
     for (int row = image->height - 1; row >= 0; row--)
@@ -11056,7 +11042,7 @@ enum { ITN__IEND = 0x49454e44, ITN__TRNS = 0x74524e53, ITN__GAMA = 0x67414d41 };
 enum { ITN__PNG_PALETTE = 3 };
 
 typedef struct itn__png {
-    int width, height, depth;
+    int width, height, depth, methods;
     int type;    /* 0 grey, 2 RGB, 3 palette, 4 grey and alpha, 6 RGB and alpha */
     int samples; /* of a pixel in the file; alpha, colours: of one of the image */
     int colours, alpha, ended;
@@ -11083,20 +11069,8 @@ static uint32_t itn__crc32(const unsigned char *bytes, size_t size) {
     return ~crc;
 }
 
-static void itn__png_header(itn__png *png, itn__text *in) {
-    static const int depths[7] = {0x10116, 0, 0x10100, 0x116, 0x10100, 0, 0x10100}; /* as bits */
-    uint64_t size = itn__take_number(in, 8, 1), rest = itn__take_number(in, 5, 1);
-    png->width = (int)(size >> 32 & INT_MAX), png->height = (int)(size & INT_MAX);
-    png->depth = (int)(rest >> 32), png->type = (int)(rest >> 24 & 255);
-    if (!png->width || !png->height || size & 0x8000000080000000u || png->type > 6 ||
-        png->depth > 16 || !(depths[png->type] >> png->depth & 1) || rest & 0xfffffe)
-        ITN__DAMAGED(in, "there is no such size, depth, type or method");
-    if (rest & 1) ITN__UNSUPPORTED(in, "interlaced files cannot be read: save it without that");
-    png->alpha = png->type > 3, png->colours = png->type & 2 ? 3 : 1;
-    png->samples = png->type == ITN__PNG_PALETTE ? 1 : png->colours + png->alpha;
-}
-
 static void itn__png_chunk(itn__text *text, itn__png *png) {
+    static const int depths[7] = {0x10116, 0, 0x10100, 0x116, 0x10100, 0, 0x10100}; /* as bits */
     size_t size = itn__take_number(text, 4, 1) & INT_MAX;
     itn__text in = itn__take_part(text, size + 4);
     const unsigned char *start = (const unsigned char *)in.at, *data = start + 4;
@@ -11106,8 +11080,19 @@ static void itn__png_chunk(itn__text *text, itn__png *png) {
     if (!in.result && (type == ITN__IHDR) != !png->depth)
         ITN__DAMAGED(&in, "IHDR is not the first chunk, or is there twice");
     switch (in.result ? 0 : type) {
-    case 0: break;
-    case ITN__IHDR: itn__png_header(png, &in); break;
+    case ITN__IHDR:
+        png->width = (int)itn__take_number(&in, 4, 1);
+        png->height = (int)itn__take_number(&in, 4, 1);
+        png->depth = (int)itn__take_number(&in, 1, 1);
+        png->type = (int)itn__take_number(&in, 1, 1);
+        png->methods = (int)itn__take_number(&in, 3, 1);
+        if (png->width < 1 || png->height < 1 || png->type > 6 || png->depth > 16 ||
+            !(depths[png->type] >> png->depth & 1) || png->methods > 1)
+            ITN__DAMAGED(&in, "there is no such size, depth, type or method");
+        if (png->methods) ITN__UNSUPPORTED(&in, "interlaced: save it without that");
+        png->alpha = png->type > 3, png->colours = png->type & 2 ? 3 : 1;
+        png->samples = png->type == ITN__PNG_PALETTE ? 1 : png->colours + png->alpha;
+        break;
     case ITN__IDAT: itn__put(&png->data, data, size); break;
     case ITN__IEND: png->ended = 1; break;
     case ITN__GAMA:
@@ -11125,7 +11110,7 @@ static void itn__png_chunk(itn__text *text, itn__png *png) {
         for (size_t k = 0; k < size && k < 256; k++) png->palette[k][3] = data[k];
         png->alpha = 1;
         break;
-    default:
+    default: /* a small first letter: it is not needed */
         if (!(type & 0x20000000)) ITN__UNSUPPORTED(&in, "its type is unknown, and necessary");
     }
     text->result = in.result;
@@ -11158,7 +11143,10 @@ static void itn__png_rows(itn__text *text, const itn__png *png, itn_image *image
     int palette = png->type == ITN__PNG_PALETTE;
     if ((double)line * png->height > 1032 * (double)png->data.size || line > INT_MAX)
         ITN__DAMAGED(text, "more pixels than the data hold: cut off or damaged");
-    if (!itn__begin_image(text, png->width, png->height, png->colours + png->alpha, image)) return;
+    if (!text->result)
+        text->result = itn_image_create(png->width, png->height, png->colours + png->alpha,
+                                        text->context, image, text->error);
+    if (text->result) return;
     for (int k = 0; k < image->plane_count; k++)
         image->names[k][0] = k == png->colours ? 'A' : "YRGB"[k + png->colours / 3];
     image->gamma = png->gamma, image->codes = palette ? 255 : (1 << depth) - 1;
@@ -12012,92 +12000,77 @@ ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn
    Integers have 32 bits where not stated. The checksum is FNV-1a (Fowler, Noll and Vo): each step
    h <- (h ^ byte) prime can be undone, so any one changed byte changes the result. */
 
-#define ITN__WEIGHTS_MAGIC "ITN-NET\n"
-
-static uint64_t itn__fnv1a(const char *bytes, size_t size) {
+static uint64_t itn__fnv1a(const unsigned char *bytes, size_t size) {
     uint64_t hash = 0xcbf29ce484222325ull;
-    for (size_t k = 0; k < size; k++) hash = (hash ^ (unsigned char)bytes[k]) * 0x100000001b3ull;
+    for (size_t k = 0; k < size; k++) hash = (hash ^ bytes[k]) * 0x100000001b3ull;
     return hash;
-}
-
-/* Checks the bytes but for the values, which need a network: reads the sizes of one. */
-static itn_result itn__weights_header(itn__text *text, itn_net *shape, size_t *arrays) {
-    size_t size = (size_t)(text->end - text->start);
-    itn_net_desc desc = ITN_ZERO;
-    uint64_t count;
-    uint32_t version;
-    int sizes[ITN__NET_SIZES - 1], given = 1;
-    if (size < 16 || memcmp(text->start, ITN__WEIGHTS_MAGIC, 8))
-        return ITN__DAMAGED(text, "not a network file (these begin with ITN-NET)");
-    text->at = text->start + 8;
-    version = itn__take_u32(text), *arrays = itn__take_u32(text);
-    if (version != 1)
-        return ITN__DAMAGED(text, "file version %.0f, this build reads version 1", (double)version);
-    for (int k = 0; k < 6; k++) given &= (sizes[k] = (int32_t)itn__take_u32(text)) != 0;
-    memcpy(&desc, sizes, sizeof sizes);
-    count = itn__take_number(text, 8, 0), shape->steps = itn__take_number(text, 8, 0);
-    if ((*arrays != 1 && *arrays != 3) ||
-        64 + 4. * (double)*arrays * (double)count != (double)size) /* exact, where they are equal */
-        return ITN__DAMAGED(text, "cut off or damaged: %.0f bytes are not what the header promises",
-                            (double)size);
-    if (itn__from_bytes((const unsigned char *)text->end - 8, 8, 0) !=
-        itn__fnv1a(text->start, size - 8))
-        return ITN__DAMAGED(text, "damaged: the checksum does not match");
-    if (shape->steps >> 53) return ITN__DAMAGED(text, "nobody takes so many steps");
-    desc.batch = 1; /* any batch may have written it */
-    if (!given || itn__net_desc_fill(&desc, &shape->desc, NULL) || !itn__net_sizes(shape) ||
-        shape->count != count)
-        return ITN__DAMAGED(text, "the network's shape is not valid or does not have %.0f "
-                            "parameters", (double)count);
-    return ITN_OK;
 }
 
 ITN_API itn_result itn_net_from_memory(const void *data, size_t size, const char *name, int batch,
                                        const itn_context *context, itn_net **net,
                                        itn_error *error) {
+    const unsigned char *bytes = (const unsigned char *)data;
     itn_net shape = ITN_ZERO, *made = NULL;
-    size_t arrays = 0;
+    itn_net_desc desc = ITN_ZERO;
+    int sizes[ITN__NET_SIZES] = {0, 0, 0, 0, 0, 0, 1}; /* any batch may have written it */
     if (!data || !net)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_from_memory: a pointer is NULL");
     itn__text text = itn__text_make(data, size, name ? name : "network");
     text.error = error, text.line = 0;
-    itn_result result = itn__weights_header(&text, &shape, &arrays);
+    if (size < 16 || itn__take_number(&text, 8, 1) != 0x49544e2d4e45540a)
+        ITN__DAMAGED(&text, "not a network file (these begin with ITN-NET)");
+    uint32_t version = itn__take_u32(&text), arrays = itn__take_u32(&text);
+    for (int k = 0; k < 6; k++) sizes[k] = (int32_t)itn__take_u32(&text);
+    uint64_t count = itn__take_number(&text, 8, 0), steps = itn__take_number(&text, 8, 0);
+    memcpy(&desc, sizes, sizeof sizes);
+    if (version != 1)
+        ITN__DAMAGED(&text, "file version %.0f, this build reads version 1", (double)version);
+    else if ((arrays != 1 && arrays != 3) || 64 + 4. * arrays * (double)count != (double)size)
+        ITN__DAMAGED(&text, "cut off or damaged: %.0f bytes are not what the header promises",
+                     (double)size); /* the product is exact, where they are equal */
+    else if (itn__from_bytes(bytes + size - 8, 8, 0) != itn__fnv1a(bytes, size - 8))
+        ITN__DAMAGED(&text, "damaged: the checksum does not match");
+    else if (steps >> 53) ITN__DAMAGED(&text, "nobody takes so many steps");
+    else if (itn__net_desc_fill(&desc, &shape.desc, NULL) ||
+             memcmp(&desc, &shape.desc, sizeof sizes) || !itn__net_sizes(&shape) ||
+             shape.count != count)
+        ITN__DAMAGED(&text, "the network's shape is not valid or does not have %.0f parameters",
+                     (double)count);
     shape.desc.batch = batch;
-    if (!result) result = itn__net_make(&shape.desc, context, &made, error);
-    for (size_t k = 0; !result && k < arrays * shape.count; k++) {
+    if (!text.result) text.result = itn__net_make(&shape.desc, context, &made, error);
+    for (size_t k = 0; k < arrays * count && !text.result; k++) {
         float value = made->parameters[k] = itn__float_of(itn__take_u32(&text));
-        if (!itn__finite(value) || (k >= 2 * shape.count && value < 0)) /* mean of squares */
-            result = ITN__DAMAGED(&text, "%s %.0f is %g: written by a training run gone wrong",
-                                  k < shape.count ? "weight" : "Adam moment of weight",
-                                  (double)(k % shape.count), (double)value);
+        if (!itn__finite(value) || (k >= 2 * count && value < 0)) /* mean of squares */
+            ITN__DAMAGED(&text, "%s %.0f is %g: written by a training run gone wrong",
+                         k < count ? "weight" : "Adam moment of weight", (double)(k % count),
+                         (double)value);
     }
-    if (!result) made->steps = arrays == 3 ? shape.steps : 0, *net = made;
-    else itn_net_free(made);
-    return result;
+    if (text.result) return itn_net_free(made), text.result;
+    made->steps = arrays == 3 ? steps : 0, *net = made;
+    return ITN_OK;
 }
 
 #ifndef ITN_NO_STDIO
 ITN_API itn_result itn_net_save(const itn_net *net, const char *path, int weights_only,
                                 itn_error *error) {
     itn__buffer buffer = ITN_ZERO;
-    size_t arrays = weights_only ? 1 : 3;
-    int sizes[ITN__NET_SIZES - 1];
+    uint64_t arrays = weights_only ? 1 : 3;
+    int sizes[ITN__NET_SIZES];
     if (!net || !path)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_save: a pointer is NULL");
-    size_t values = arrays * net->count;
-    if (itn__first_beyond(net->parameters, values, FLT_MAX) < values)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "%s: not written, because a weight or Adam moment is not finite", path);
     buffer.context = net->context;
-    itn__put(&buffer, ITN__WEIGHTS_MAGIC, 8);
-    itn__put_number(&buffer, 1 | (uint64_t)arrays << 32, 8, 0);
+    itn__put(&buffer, "ITN-NET\n", 8);
+    itn__put_number(&buffer, 1 | arrays << 32, 8, 0);
     memcpy(sizes, &net->desc, sizeof sizes);
-    for (size_t k = 0; k < 6; k++) itn__put_number(&buffer, (uint32_t)sizes[k], 4, 0);
+    for (int k = 0; k < 6; k++) itn__put_number(&buffer, (uint32_t)sizes[k], 4, 0);
     itn__put_number(&buffer, net->count, 8, 0);
     itn__put_number(&buffer, weights_only ? 0 : net->steps, 8, 0);
-    itn__put_floats(&buffer, net->parameters, values);
-    itn__put_number(&buffer, itn__fnv1a((const char *)buffer.bytes, buffer.size), 8, 0);
-    return itn__write_file(path, &buffer, error);
+    size_t wrong = itn__put_floats(&buffer, net->parameters, (size_t)arrays * net->count);
+    itn__put_number(&buffer, itn__fnv1a(buffer.bytes, buffer.size), 8, 0);
+    if (!wrong) return itn__write_file(path, &buffer, error);
+    itn__buffer_free(&buffer);
+    return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: not written, because a weight or Adam "
+                     "moment is not finite", path);
 }
 
 ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *context,
