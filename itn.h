@@ -976,20 +976,15 @@ static size_t itn__print(char *text, size_t size, const char *format, ...) ITN__
    are written at the end, when nothing can fail any more. */
 
 ITN_API const char *itn_result_text(itn_result result) {
-    static const char *const texts[] = {"no error",
-                                        "invalid argument",
-                                        "out of memory",
-                                        "file cannot be read or written",
-                                        "file contents are not valid",
-                                        "mesh cannot be used",
-                                        "not supported",
-                                        "cancelled"};
+    static const char *const texts[] = {
+        "no error", "invalid argument", "out of memory", "file cannot be read or written",
+        "file contents are not valid", "mesh cannot be used", "not supported", "cancelled"};
     return (unsigned)result <= ITN_ERROR_CANCELLED ? texts[result] : "unknown error";
 }
 
+ITN__PRINTF(4, 5)
 static ITN__UNUSED itn_result itn__fail(itn_error *error, itn_result code, int line,
-                                        const char *format, ...) ITN__PRINTF(4, 5);
-static itn_result itn__fail(itn_error *error, itn_result code, int line, const char *format, ...) {
+                                        const char *format, ...) {
     if (error) {
         va_list arguments;
         error->code = code, error->line = line;
@@ -1077,9 +1072,6 @@ ITN__INLINE itn_vec3 itn__vec3(float x, float y, float z) {
     v.x = x, v.y = y, v.z = z;
     return v;
 }
-ITN__INLINE itn_vec3 itn__add(itn_vec3 a, itn_vec3 b) {
-    return itn__vec3(a.x + b.x, a.y + b.y, a.z + b.z);
-}
 ITN__INLINE itn_vec3 itn__sub(itn_vec3 a, itn_vec3 b) {
     return itn__vec3(a.x - b.x, a.y - b.y, a.z - b.z);
 }
@@ -1123,12 +1115,13 @@ ITN__INLINE uint64_t itn__mix64(uint64_t x) {
     x = (x ^ (x >> 27)) * 0x94d049bb133111ebull;
     return x ^ (x >> 31);
 }
-ITN__INLINE uint32_t itn__mix32(uint32_t x, uint32_t key) {
-    x = (x ^ (x >> 16)) * 0x21f0aaadu;
-    x ^= key;
-    x = (x ^ (x >> 15)) * 0xd35a2d97u;
-    return x ^ (x >> 15);
-}
+#define ITN__MIX(name, type) /* the rounds, of a number or of lanes */                             \
+    ITN__INLINE type name(type x, type key) {                                                      \
+        x = (x ^ (x >> 16)) * 0x21f0aaadu;                                                         \
+        x = ((x ^ key) ^ ((x ^ key) >> 15)) * 0xd35a2d97u;                                         \
+        return x ^ (x >> 15);                                                                      \
+    }
+ITN__MIX(itn__mix32, uint32_t)
 ITN__INLINE itn__rng itn__rng_make(uint64_t seed, uint64_t pixel, uint64_t sample) {
     uint64_t key = itn__mix64(seed + 0x9e3779b97f4a7c15ull);
     itn__rng rng;
@@ -1188,41 +1181,19 @@ typedef float itn__floats __attribute__((vector_size(4 * ITN__LANES)));
 typedef int32_t itn__ints __attribute__((vector_size(4 * ITN__LANES)));
 typedef uint32_t itn__words __attribute__((vector_size(4 * ITN__LANES)));
 typedef uint8_t itn__bytes __attribute__((vector_size(ITN__LANES)));
-static ITN__UNUSED const itn__floats itn__no_floats = ITN_ZERO;
-static ITN__UNUSED const itn__ints itn__no_ints = ITN_ZERO;
 #define ITN__LANE(v, k) ((v)[k]) /* one lane, also to assign to */
-#define itn__splat(x) ((float)(x) - itn__no_floats)
-#define itn__splat_int(x) ((int32_t)(x) - itn__no_ints)
-#define itn__splat_word(x) ((itn__words)itn__splat_int(x))
+#define ITN__CONVERT(v, type) __builtin_convertvector(v, type)
+#define ITN__TRUTH(comparison) ((itn__ints)(comparison))
 #define itn__float_bits(v) ((itn__ints)(v))
 #define itn__bits_float(v) ((itn__floats)(v))
-#define itn__word_ints(v) ((itn__ints)(v))
-#define itn__int_words(v) ((itn__words)(v))
-#define itn__to_floats(v) __builtin_convertvector(v, itn__floats)
-#define itn__to_ints(v) __builtin_convertvector(v, itn__ints)
-#define itn__to_bytes(v) __builtin_convertvector(v, itn__bytes)
-#define itn__less(a, b) ((itn__ints)((a) < (b)))
-#define itn__less_equal(a, b) ((itn__ints)((a) <= (b)))
-#define itn__int_less(a, b) ((itn__ints)((a) < (b)))
-#define itn__int_equal(a, b) ((itn__ints)((a) == (b)))
 #else
 typedef float itn__floats;
 typedef int32_t itn__ints;
 typedef uint32_t itn__words;
 typedef uint8_t itn__bytes;
 #define ITN__LANE(v, k) (*((void)(k), &(v)))
-#define itn__splat(x) ((float)(x))
-#define itn__splat_int(x) ((int32_t)(x))
-#define itn__splat_word(x) ((uint32_t)(x))
-#define itn__word_ints(v) ((int32_t)(v))
-#define itn__int_words(v) ((uint32_t)(v))
-#define itn__to_floats(v) ((float)(v))
-#define itn__to_ints(v) ((int32_t)(v))
-#define itn__to_bytes(v) ((uint8_t)(v))
-#define itn__less(a, b) (-((a) < (b)))
-#define itn__less_equal(a, b) (-((a) <= (b)))
-#define itn__int_less(a, b) (-((a) < (b)))
-#define itn__int_equal(a, b) (-((a) == (b)))
+#define ITN__CONVERT(v, type) ((type)(v))
+#define ITN__TRUTH(comparison) (-(comparison))
 ITN__INLINE itn__ints itn__float_bits(itn__floats v) {
     itn__ints bits;
     memcpy(&bits, &v, sizeof v);
@@ -1234,19 +1205,28 @@ ITN__INLINE itn__floats itn__bits_float(itn__ints bits) {
     return v;
 }
 #endif
-ITN__INLINE itn__floats itn__load(const float *from) {
-    itn__floats v;
-    memcpy(&v, from, sizeof v);
-    return v;
-}
-ITN__INLINE itn__ints itn__load_ints(const int32_t *from) {
+static ITN__UNUSED const itn__floats itn__no_floats = ITN_ZERO;
+static ITN__UNUSED const itn__ints itn__no_ints = ITN_ZERO;
+#define itn__splat(x) ((float)(x) - itn__no_floats)
+#define itn__splat_int(x) ((int32_t)(x) - itn__no_ints)
+#define itn__splat_word(x) ((itn__words)itn__splat_int(x))
+#define itn__word_ints(v) ((itn__ints)(v))
+#define itn__int_words(v) ((itn__words)(v))
+#define itn__to_floats(v) ITN__CONVERT(v, itn__floats)
+#define itn__to_ints(v) ITN__CONVERT(v, itn__ints)
+#define itn__less(a, b) ITN__TRUTH((a) < (b))
+#define itn__less_equal(a, b) ITN__TRUTH((a) <= (b))
+#define itn__int_less(a, b) ITN__TRUTH((a) < (b))
+#define itn__int_equal(a, b) ITN__TRUTH((a) == (b))
+ITN__INLINE itn__ints itn__load_ints(const void *from) {
     itn__ints v;
     memcpy(&v, from, sizeof v);
     return v;
 }
+#define itn__load(from) itn__bits_float(itn__load_ints(from))
 ITN__INLINE void itn__store(float *to, itn__floats v) { memcpy(to, &v, sizeof v); }
 ITN__INLINE void itn__store_bytes(uint8_t *to, itn__ints v) {
-    itn__bytes bytes = itn__to_bytes(v);
+    itn__bytes bytes = ITN__CONVERT(v, itn__bytes);
     memcpy(to, &bytes, sizeof bytes);
 }
 
@@ -1402,12 +1382,7 @@ ITN__INLINE itn__vectors itn__vto_world(itn__vectors v, itn__vectors s, itn__vec
 
 /* itn__mix32 and itn__unit_float in lanes, and the next random number of each lane's path, as
    itn__uniform draws it; the paths outside the mask keep their place in the sequence. */
-ITN__INLINE itn__words itn__mix_words(itn__words x, itn__words key) {
-    x = (x ^ (x >> 16)) * 0x21f0aaadu;
-    x ^= key;
-    x = (x ^ (x >> 15)) * 0xd35a2d97u;
-    return x ^ (x >> 15);
-}
+ITN__MIX(itn__mix_words, itn__words)
 ITN__INLINE itn__floats itn__unit_floats(itn__words bits) {
     itn__ints high = itn__word_ints(bits >> 9), low = itn__int_less(high, itn__splat_int(1 << 14));
     itn__floats unit = itn__select(low, itn__splat(2.3283064365386963e-10f),
@@ -5604,7 +5579,8 @@ static itn_ray itn__draw_line(const itn_scene *scene, int triangle, const double
     itn__bvh_corners(scene->bvh, triangle, p);
     if (u + v > 1) u = 1 - u, v = 1 - v;
     line.origin = itn__along(itn__along(p[0], u, itn__sub(p[1], p[0])), v, itn__sub(p[2], p[0]));
-    line.direction = itn__normalize(itn__add(tip, itn__vec3(r * cosf(phi), r * sinf(phi), z)));
+    line.direction = itn__normalize(
+        itn__vec3(tip.x + r * cosf(phi), tip.y + r * sinf(phi), tip.z + z));
     line.origin = itn__along(line.origin, -4 * scene->radius, line.direction);
     line.tmin = 0, line.tmax = INFINITY;
     return line;
@@ -6154,7 +6130,7 @@ static void itn__region_make(const itn__voxel_build *build, int cell) {
         int x = i % side - reach, y = i / side % side - reach, z = i / (side * side) - reach;
         int other = cell + itn__cell_index(v, x, y, z);
         if (!itn__holds_triangles(v, other)) continue;
-        parts[count] = &build->patches[other], n = itn__add(n, parts[count]->n);
+        parts[count] = &build->patches[other], n = itn__along(n, 1, parts[count]->n);
         offset[count++] = itn__vec3((float)x, (float)y, (float)z);
     }
     if (itn__max_abs(n) > 0) n = itn__scale(n, 127 / itn__max_abs(n));
@@ -6481,27 +6457,16 @@ static int itn__unit_paths_left(const itn__crowd *crowd) {
     return crowd->unit.next < crowd->unit.side * crowd->unit.side * crowd->unit.count;
 }
 
-/* Fills the lanes named by `bits` with these paths; the others stay. */
-ITN__NOINLINE void itn__read(const itn__crowd *crowd, const int32_t *slots, unsigned bits,
-                             itn__state *s) {
-    int rows = crowd->render->rows;
-    for (; bits; bits &= bits - 1, slots++) {
-        int k = itn__lowest_bit(bits), slot = *slots;
-        char *lane = (char *)s + 4 * k;
-        const char *path = (const char *)&crowd->paths[slot];
-        for (int r = 0; r < rows; r++, lane += sizeof(itn__floats)) memcpy(lane, path + 4 * r, 4);
-        ITN__LANE(s->slot, k) = slot;
-    }
-}
-
-/* Writes the lanes named by `bits` back to their paths. */
-ITN__NOINLINE void itn__write(itn__crowd *crowd, const itn__state *s, unsigned bits) {
-    int rows = crowd->render->rows;
-    for (; bits; bits &= bits - 1) {
+/* Fills the lanes named by `bits` from their paths, s->slot; or writes them back. */
+ITN__NOINLINE void itn__copy_rows(itn__crowd *crowd, itn__state *s, unsigned bits, int back) {
+    const size_t step = sizeof(itn__floats);
+    for (size_t rows = (size_t)crowd->render->rows; bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
-        const char *lane = (const char *)s + 4 * k;
-        char *path = (char *)&crowd->paths[ITN__LANE(s->slot, k)];
-        for (int r = 0; r < rows; r++, lane += sizeof(itn__floats)) memcpy(path + 4 * r, lane, 4);
+        char *lane = (char *)s + 4 * k, *path = (char *)&crowd->paths[ITN__LANE(s->slot, k)];
+        ITN__UNROLL
+        for (size_t r = back ? rows : 0; r < rows; r++) memcpy(lane + r * step, path + 4 * r, 4);
+        ITN__UNROLL
+        for (size_t r = back ? 0 : rows; r < rows; r++) memcpy(path + 4 * r, lane + r * step, 4);
     }
 }
 
@@ -6633,8 +6598,8 @@ static void itn__end(itn__crowd *crowd, itn__path *path, int substance) {
     itn__book(crowd, path, substance);
     crowd->unused[crowd->unused_count++] = (int32_t)(path - crowd->paths);
 }
-static void itn__end_lanes(itn__crowd *crowd, int substance, const itn__state *s, unsigned bits) {
-    if (crowd->render->rows > ITN__FEW_ROWS) itn__write(crowd, s, bits);
+static void itn__end_lanes(itn__crowd *crowd, int substance, itn__state *s, unsigned bits) {
+    if (crowd->render->rows > ITN__FEW_ROWS) itn__copy_rows(crowd, s, bits, 1);
     for (; bits; bits &= bits - 1)
         itn__end(crowd, &crowd->paths[ITN__LANE(s->slot, itn__lowest_bit(bits))], substance);
 }
@@ -7417,14 +7382,17 @@ static void itn__fill(itn__crowd *crowd, itn__queue *queue, itn__lanes *walk) {
     while (itn__count_bits(fill) > queue->count) fill &= fill - 1;
     if (!fill) return;
     queue->count -= itn__count_bits(fill);
-    itn__read(crowd, queue->slots + queue->count, fill, &walk->s);
+    const int32_t *slots = queue->slots + queue->count;
+    for (unsigned bits = fill; bits; bits &= bits - 1)
+        ITN__LANE(walk->s.slot, itn__lowest_bit(bits)) = *slots++;
+    itn__copy_rows(crowd, &walk->s, fill, 0);
     walk->moved &= ~fill, walk->busy |= fill;
     walk->space.half = itn__select(itn__bits_mask(fill), itn__splat(-1), walk->space.half);
 }
 
 /* Lanes leave the walk for a queue. */
 static void itn__leave(itn__crowd *crowd, itn__queue *queue, itn__lanes *walk, unsigned bits) {
-    itn__write(crowd, &walk->s, bits);
+    itn__copy_rows(crowd, &walk->s, bits, 1);
     walk->busy &= ~bits;
     for (; bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
@@ -7626,7 +7594,7 @@ static void itn__scatter_lanes(itn__crowd *crowd, int number, itn__state *s, itn
     for (k = 0; k < render->channels; k++) s->beta[k] = s->beta[k] * f.value[k];
     itn__floats turned = itn__select(through, itn__splat(1), itn__splat(-1)); /* if thrown back, */
     s->up = itn__vscale(s->up, turned), s->level = s->level * turned; /* behind the normal */
-    itn__write(crowd, s, itn__mask_bits(good));
+    itn__copy_rows(crowd, s, itn__mask_bits(good), 1);
     for (unsigned bits = itn__mask_bits(good); bits; bits &= bits - 1) {
         itn__path *path;
         k = itn__lowest_bit(bits), path = &crowd->paths[ITN__LANE(s->slot, k)];
@@ -7643,7 +7611,7 @@ static void itn__outside_lanes(itn__crowd *crowd, int number, itn__state *s, itn
     for (int c = 0; c < 3; c++) light[c] = itn__splat(crowd->render->constant[c]);
     unsigned bits = itn__mask_bits(itn__roulette_lanes(crowd, number, s, light, mask));
     itn__end_lanes(crowd, number, s, itn__mask_bits(mask) & ~bits);
-    itn__write(crowd, s, bits);
+    itn__copy_rows(crowd, s, bits, 1);
     for (; bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
         itn__enqueue(crowd, &crowd->exact, &crowd->paths[ITN__LANE(s->slot, k)]);
@@ -7688,7 +7656,8 @@ static void itn__run_lanes(itn__crowd *crowd, itn__queue *queue, int number,
     for (int at = 0; at < queue->count; at += ITN__LANES) {
         itn__ints mask = itn__int_less(itn__lane_numbers(), itn__splat_int(queue->count - at));
         itn__state s = ITN_ZERO;
-        itn__read(crowd, queue->slots + at, itn__mask_bits(mask), &s);
+        s.slot = itn__load_ints(queue->slots + at);
+        itn__copy_rows(crowd, &s, itn__mask_bits(mask), 0);
         stage(crowd, number, &s, mask);
     }
     queue->count = 0;

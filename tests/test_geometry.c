@@ -602,7 +602,7 @@ static itn_ray any_ray(const itn_mesh *mesh, itn__rng *rng, int i, float scale, 
     itn_vec3 o = itn__scale(cube_point(rng), scale * (i % 2 ? 1.2f : 3.f));
     itn_vec3 middle = itn__vec3(offset, offset, offset), d = sphere_point(rng);
     float tmax = i % 3 ? INFINITY : scale * itn__uniform(rng);
-    o = itn__add(o, middle);
+    o = itn__along(o, 1, middle);
     if (i % 8 == 1) d = itn__sub(target(mesh, rng, 0), o);
     if (i % 8 == 2) d = itn__sub(target(mesh, rng, 1), o);
     if (i % 8 == 3) d = itn__sub(target(mesh, rng, 2), o);
@@ -842,7 +842,7 @@ static void expect_parity(itn_mesh mesh, int rays, float offset) {
     place(&mesh, 1, offset);
     bvh = hierarchy(&mesh, NULL);
     for (i = 0; i < rays; i++) {
-        itn_vec3 o = itn__add(itn__scale(sphere_point(&rng), 4), itn__vec3(offset, offset, offset));
+        itn_vec3 o = itn__along(itn__vec3(offset, offset, offset), 4, sphere_point(&rng));
         itn_vec3 d = itn__normalize(itn__sub(target(&mesh, &rng, 1 + i % 2), o));
         float slack = 8 * FLT_EPSILON * (offset + 8);
         itn_ray ray = ray_of(o, d, 0, INFINITY);
