@@ -5890,8 +5890,6 @@ typedef struct itn__voxels {
                         surface is about above that (8 bits); against (8 bits), 255: no claim */
     int32_t *first;  /* [cells + 2] of each cell's list, */
     int32_t *leaves; /* of leaves of the tree that have triangles in the cell */
-    float *normals;  /* [triangles][3] of unit length; 0 of triangles without area */
-    unsigned char *pixels; /* [height][width] 1 of empty ones, see itn__make_pixels */
 } itn__voxels;
 
 /* What the triangles of a cell amount to, in cells relative to its middle: for all x in them and in
@@ -5900,6 +5898,7 @@ typedef struct itn__voxels {
 typedef struct itn__patch {
     itn_vec3 n; /* of unit length; at first, the sum of their normals by area */
     float least, most, chord;
+    int32_t last; /* leaf that was listed */
 } itn__patch;
 
 /* What is needed while the tables are made. */
@@ -5909,7 +5908,6 @@ typedef struct itn__voxel_build {
     uint64_t closed;     /* the one closed object of the scene, if there is just one */
     float rounding;      /* of coordinates, in cells */
     int32_t *touched;    /* [cells] those of a triangle */
-    int32_t *last;       /* [cells] last leaf that was listed */
     itn__patch *patches; /* [cells] */
 } itn__voxel_build;
 
@@ -5923,9 +5921,6 @@ ITN__INLINE void itn__cell_place(const itn__voxels *voxels, int cell, int at[3])
     at[0] = cell % voxels->size[0], cell /= voxels->size[0];
     at[1] = cell % voxels->size[1], at[2] = cell / voxels->size[1];
 }
-ITN__INLINE int itn__holds_triangles(const itn__voxels *voxels, int cell) {
-    return voxels->first[cell + 1] > voxels->first[cell];
-}
 static int itn__on_border(const itn__voxels *voxels, int cell) {
     int at[3], on = 0;
     itn__cell_place(voxels, cell, at);
@@ -5933,46 +5928,40 @@ static int itn__on_border(const itn__voxels *voxels, int cell) {
     return on;
 }
 
-/* A triangle in units of cells; the range of cells that its box touches; and axes a that may
+/* For a triangle, in units of cells: the range of cells that its box touches; and axes a that may
    separate it from a cell: it touches those whose middle c has least <= a.c <= most for all. */
 typedef struct itn__raster {
-    float p[3][3], margin;
     int range[3][2];
     float axis[3][16], least[16], most[16];
 } itn__raster;
 
-/* Loads a triangle, its range, and the axes that are not those of the box. Returns 0 if there is no
-   range, or if two of its corners are equal: no ray can hit it. (Others without area may be hit, as
-   rounding opens them.) */
+/* The range, and the axes that are not those of the box. Returns 0 if there is no range, or if two
+   of the corners are equal: no ray can hit it. (Others without area may be hit, as rounding opens
+   them.) */
 static int itn__raster_make(const itn__voxels *voxels, const itn__triangle *triangle,
                             itn__raster *r) {
     const float origin[3] = {voxels->lower.x, voxels->lower.y, voxels->lower.z};
-    float edge[3][3], size = 0; /* coordinates have errors of a few roundings of that */
-    int inside = 1, wide = 0;
+    float p[3][3], edge[3][3], size = 0; /* coordinates have errors of a few roundings of that */
+    int inside = 1;
     for (int j = 0; j < 3; j++) {
         const float *corner = triangle->corner[j], *next = triangle->corner[(j + 1) % 3];
         inside &= corner[0] != next[0] || corner[1] != next[1] || corner[2] != next[2];
         for (int k = 0; k < 3; k++) {
-            r->p[j][k] = (corner[k] - origin[k]) * voxels->inverse_cell;
-            size = itn__max(size, fabsf(r->p[j][k]));
+            p[j][k] = (corner[k] - origin[k]) * voxels->inverse_cell;
+            edge[j][k] = (next[k] - corner[k]) * voxels->inverse_cell;
+            size = itn__max(size, fabsf(p[j][k]));
         }
     }
-    r->margin = 1.2f * ITN__CELL_MARGIN + 16 * FLT_EPSILON * size;
+    float margin = 1.2f * ITN__CELL_MARGIN + 16 * FLT_EPSILON * size;
+    memset(r->axis, 0, sizeof r->axis);
     for (int k = 0; k < 3; k++) {
-        float least = itn__min(r->p[0][k], itn__min(r->p[1][k], r->p[2][k])) - r->margin;
-        float most = itn__max(r->p[0][k], itn__max(r->p[1][k], r->p[2][k])) + r->margin;
+        int l = (k + 1) % 3, m = (k + 2) % 3;
+        float least = itn__min(p[0][k], itn__min(p[1][k], p[2][k])) - margin;
+        float most = itn__max(p[0][k], itn__max(p[1][k], p[2][k])) + margin;
         float end = (float)voxels->size[k];
         inside &= least < end && most >= 0;
         r->range[k][0] = (int)itn__clamp(least, 0, end - 1);
         r->range[k][1] = (int)itn__clamp(most, 0, end - 1);
-        wide |= r->range[k][0] < r->range[k][1];
-    }
-    if (!inside || !wide) return inside; /* a triangle within a cell needs none */
-    memset(r->axis, 0, sizeof r->axis);
-    for (int j = 0; j < 3; j++)
-        for (int k = 0; k < 3; k++) edge[j][k] = r->p[(j + 1) % 3][k] - r->p[j][k];
-    for (int k = 0; k < 3; k++) {
-        int l = (k + 1) % 3, m = (k + 2) % 3;
         r->axis[k][0] = edge[0][l] * edge[1][m] - edge[0][m] * edge[1][l];
         for (int j = 0; j < 3; j++)
             r->axis[l][1 + 3 * k + j] = -edge[j][m], r->axis[m][1 + 3 * k + j] = edge[j][l];
@@ -5980,86 +5969,61 @@ static int itn__raster_make(const itn__voxels *voxels, const itn__triangle *tria
     for (int i = 0; i < 16; i += ITN__LANES) {
         itn__floats a[3], x[3], reach = itn__splat(FLT_MIN);
         for (int k = 0; k < 3; k++)
-            a[k] = itn__load(r->axis[k] + i), reach += itn__absolute(a[k]) * (.5f + r->margin);
-        for (int j = 0; j < 3; j++)
-            x[j] = a[0] * r->p[j][0] + a[1] * r->p[j][1] + a[2] * r->p[j][2];
+            a[k] = itn__load(r->axis[k] + i), reach += itn__absolute(a[k]) * (.5f + margin);
+        for (int j = 0; j < 3; j++) x[j] = a[0] * p[j][0] + a[1] * p[j][1] + a[2] * p[j][2];
         itn__store(r->least + i, itn__least(x[0], itn__least(x[1], x[2])) - reach);
         itn__store(r->most + i, itn__most(x[0], itn__most(x[1], x[2])) + reach);
     }
-    return 1;
+    return inside;
 }
 
-/* Writes the cells that a triangle touches and returns how many there are: in each row along x,
-   those between the bounds of all axes. */
+/* Writes the cells that a triangle touches, and returns how many there are. */
 static int itn__raster_cells(const itn__voxels *voxels, const itn__triangle *triangle,
                              int32_t *cells) {
     itn__raster r;
-    int count = 0;
+    int count = 0, x, y, z, i;
     if (!itn__raster_make(voxels, triangle, &r)) return 0;
-    *cells = itn__cell_index(voxels, r.range[0][0], r.range[1][0], r.range[2][0]);
-    if (*cells == itn__cell_index(voxels, r.range[0][1], r.range[1][1], r.range[2][1])) return 1;
-    for (int z = r.range[2][0]; z <= r.range[2][1]; z++)
-        for (int y = r.range[1][0]; y <= r.range[1][1]; y++) {
-            float first = (float)r.range[0][0] + .5f, last = (float)r.range[0][1] + .5f;
-            itn__floats from = itn__splat(first), to = itn__splat(last);
-            for (int i = 0; i < 16; i += ITN__LANES) { /* NaN, on a bound, counts as none */
-                itn__floats rest = itn__load(r.axis[1] + i) * ((float)y + .5f) +
-                                   itn__load(r.axis[2] + i) * ((float)z + .5f);
-                itn__floats inverse = 1 / itn__load(r.axis[0] + i);
-                itn__floats a = (itn__load(r.least + i) - rest) * inverse;
-                itn__floats b = (itn__load(r.most + i) - rest) * inverse;
-                from = itn__most(itn__least(a, b), from), to = itn__least(itn__most(a, b), to);
+    for (z = r.range[2][0]; z <= r.range[2][1]; z++)
+        for (y = r.range[1][0]; y <= r.range[1][1]; y++)
+            for (x = r.range[0][0]; x <= r.range[0][1]; x++) {
+                itn__ints apart = itn__splat_int(0);
+                for (i = 0; i < 16; i += ITN__LANES) {
+                    itn__floats along = itn__load(r.axis[0] + i) * ((float)x + .5f) +
+                                        itn__load(r.axis[1] + i) * ((float)y + .5f) +
+                                        itn__load(r.axis[2] + i) * ((float)z + .5f);
+                    apart |= itn__less(along, itn__load(r.least + i)) |
+                             itn__less(itn__load(r.most + i), along);
+                }
+                if (!itn__mask_bits(apart)) cells[count++] = itn__cell_index(voxels, x, y, z);
             }
-            for (int i = 0; i < ITN__LANES; i++) {
-                first = itn__max(first, ITN__LANE(from, i));
-                last = itn__min(last, ITN__LANE(to, i));
-            }
-            for (int x = first <= last ? (int)ceilf(first - .5f) : INT_MAX; (float)x + .5f <= last;
-                 x++)
-                cells[count++] = itn__cell_index(voxels, x, y, z);
-        }
     return count;
 }
 
-static double itn__least_of(const double x[3]) { return fmin(x[0], fmin(x[1], x[2])); }
-static double itn__most_of(const double x[3]) { return fmax(x[0], fmax(x[1], x[2])); }
-
-static void itn__patch_widen(itn__patch *patch, double least, double most, double chord) {
-    patch->least = itn__min(patch->least, (float)least);
-    patch->most = itn__max(patch->most, (float)most);
-    patch->chord = itn__max(patch->chord, (float)chord);
-}
-
-/* |(a - b).x| for |x_k| within a cell is at most this. */
-static float itn__across_cell(itn_vec3 a, itn_vec3 b) {
-    itn_vec3 off = itn__sub(a, b);
-    return (fabsf(off.x) + fabsf(off.y) + fabsf(off.z)) * (.5f + ITN__CELL_MARGIN);
-}
-
-/* Adds a triangle, with the unit normal m and that area, to the patch of a cell. x in both has
-     n.x >= min n.p over the corners p,   and   n.x = m.x + (n - m).x >= min m.p - |(n - m).x|.
-   Which side is the front is rounded, most of all for needles: that angle adds to the normal's. */
+/* Adds a triangle, with the unit normal m and that area, to the patch of a cell. What is in both
+   has n.x >= min n.p over the corners p. Which side is the front is rounded, most of all for
+   needles: that angle adds to the normal's. */
 static void itn__patch_add(const itn__voxel_build *build, const itn__triangle *triangle,
                            const double m[3], double area, int cell) {
     const itn__voxels *v = build->voxels;
-    const float lower[3] = {v->lower.x, v->lower.y, v->lower.z};
     itn__patch *patch = &build->patches[cell];
+    const float lower[3] = {v->lower.x, v->lower.y, v->lower.z};
     const double n[3] = {patch->n.x, patch->n.y, patch->n.z};
-    const itn_vec3 unit = itn__vec3((float)m[0], (float)m[1], (float)m[2]);
-    double by_n[3] = {0, 0, 0}, by_m[3] = {0, 0, 0}, wide = itn__across_cell(patch->n, unit);
-    double size = 3, chord = 2, scale = 1 / (double)v->cell;
+    double size = 3, off = 0, chord = 2, scale = 1 / (double)v->cell;
     int at[3];
     itn__cell_place(v, cell, at);
-    for (int j = 0; j < 3; j++)
+    for (int j = 0; j < 3; j++) {
+        double along = 0;
         for (int k = 0; k < 3; k++) {
             double p = (triangle->corner[j][k] - (lower[k] + (at[k] + .5) * v->cell)) * scale;
-            by_n[j] += n[k] * p, by_m[j] += m[k] * p, size += 4 * p * p;
+            along += n[k] * p, size += 4 * p * p;
         }
+        patch->least = itn__min(patch->least, (float)along);
+        patch->most = itn__max(patch->most, (float)along);
+        off += (n[j] - m[j]) * (n[j] - m[j]);
+    }
     if (area > 0 && (itn__object_bit(triangle->object) & build->closed))
-        chord = (double)itn__length(itn__sub(patch->n, unit)) +
-                16 * (double)FLT_EPSILON * size / (area * scale * scale);
-    itn__patch_widen(patch, fmax(itn__least_of(by_n), itn__least_of(by_m) - wide),
-                     fmin(itn__most_of(by_n), itn__most_of(by_m) + wide), chord);
+        chord = sqrt(off) + 16 * (double)FLT_EPSILON * size / (area * scale * scale);
+    patch->chord = itn__max(patch->chord, (float)chord);
 }
 
 /* Enters all triangles: first the sum of normals of each patch and the lengths of lists, then the
@@ -6080,9 +6044,9 @@ static void itn__enter_triangles(const itn__voxel_build *build, int second) {
             if (second) itn__patch_add(build, &triangle, m, area, cell);
             else patch->n = itn__along(patch->n, weight, itn__vec3((float)m[0], (float)m[1],
                                                                    (float)m[2]));
-            if (build->last[cell] == mark) continue;
+            if (patch->last == mark) continue;
             if (second) v->leaves[*next] = leaf;
-            ++*next, build->last[cell] = mark;
+            ++*next, patch->last = mark;
         }
     }
 }
@@ -6106,7 +6070,7 @@ static void itn__voxel_distances(itn__voxels *v) {
         neighbours[k] = itn__cell_index(v, k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1);
     for (int cell = 0; cell < count; cell++) {
         d[cell] = itn__on_border(v, cell) ? 1 : ITN__REACH;
-        if (itn__holds_triangles(v, cell)) d[cell] = 0;
+        if (v->first[cell + 1] > v->first[cell]) d[cell] = 0; /* it holds triangles */
     }
     for (int pass = 0; pass < 2; pass++)
         for (int cell = pass ? count - 1 : 0; cell >= 0 && cell < count; cell += pass ? -1 : 1)
@@ -6120,36 +6084,40 @@ static void itn__voxel_distances(itn__voxels *v) {
    of the patches around, as bytes of which the largest is 127. */
 static void itn__region_make(const itn__voxel_build *build, int cell) {
     const itn__voxels *v = build->voxels;
-    int reach = v->cells[cell], side = 2 * reach + 1, count = 0;
-    const itn__patch *parts[27];
-    itn__patch patch = ITN_ZERO;
-    itn_vec3 n = ITN_ZERO, offset[27];
+    int reach = v->cells[cell], side = 2 * reach + 1;
+    float least = INFINITY, most = -INFINITY, chord = 0, length = 1;
+    itn_vec3 n = ITN_ZERO, unit = ITN_ZERO;
     v->cells[cell] = reach << 24;
     if (reach > 1 || (reach && itn__on_border(v, cell))) return;
-    for (int i = 0; i < side * side * side; i++) {
-        int x = i % side - reach, y = i / side % side - reach, z = i / (side * side) - reach;
-        int other = cell + itn__cell_index(v, x, y, z);
-        if (!itn__holds_triangles(v, other)) continue;
-        parts[count] = &build->patches[other], n = itn__along(n, 1, parts[count]->n);
-        offset[count++] = itn__vec3((float)x, (float)y, (float)z);
+    for (int i = 0, count = side * side * side; i < 2 * count; i++) { /* first n, then bounds */
+        int x = i % side - reach, y = i / side % side - reach;
+        int z = i % count / (side * side) - reach;
+        const itn__patch *patch = &build->patches[cell + itn__cell_index(v, x, y, z)];
+        if (i == count) {
+            n = itn__max_abs(n) > 0 ? itn__scale(n, 127 / itn__max_abs(n)) : itn__vec3(127, 0, 0);
+            n = itn__vec3(floorf(n.x + .5f), floorf(n.y + .5f), floorf(n.z + .5f));
+            length = itn__length(n), unit = itn__scale(n, 1 / length);
+        }
+        if (!patch->last) continue; /* no triangles there */
+        if (i < count) {
+            n = itn__along(n, 1, patch->n);
+            continue;
+        }
+        itn_vec3 off = itn__sub(unit, patch->n); /* |off.x| for x in a cell is at most `wide` */
+        float wide = (fabsf(off.x) + fabsf(off.y) + fabsf(off.z)) * (.5f + ITN__CELL_MARGIN);
+        float along = itn__dot(unit, itn__vec3((float)x, (float)y, (float)z));
+        least = itn__min(least, along + patch->least - wide);
+        most = itn__max(most, along + patch->most + wide);
+        chord = itn__max(chord, itn__length(off) + patch->chord);
     }
-    if (itn__max_abs(n) > 0) n = itn__scale(n, 127 / itn__max_abs(n));
-    else n.x = 127;
-    n = itn__vec3(floorf(n.x + .5f), floorf(n.y + .5f), floorf(n.z + .5f));
-    patch.n = itn__normalize(n), patch.least = INFINITY, patch.most = -INFINITY;
-    for (int i = 0; i < count; i++) { /* x of the part is x + offset */
-        float along = itn__dot(patch.n, offset[i]), wide = itn__across_cell(patch.n, parts[i]->n);
-        itn__patch_widen(&patch, along + parts[i]->least - wide, along + parts[i]->most + wide,
-                         itn__length(itn__sub(patch.n, parts[i]->n)) + parts[i]->chord);
-    }
-    float scale = itn__length(n) / ITN__PLANE_STEP;
-    float below = floorf((patch.least - ITN__SLAB_MARGIN - build->rounding) * scale);
+    float scale = length / ITN__PLANE_STEP;
+    float below = floorf((least - ITN__SLAB_MARGIN - build->rounding) * scale);
     below = itn__clamp(below, -32768, 32767);
-    float above = (.5f * (patch.least + patch.most) * scale - below) / 16;
+    float above = (.5f * (least + most) * scale - below) / 16;
     v->cells[cell] |= ((int)n.x & 255) | ((int)n.y & 255) << 8 | ((int)n.z & 255) << 16;
     v->planes[cell] =
         (int32_t)(((uint32_t)(int)below & 0xffff) | (uint32_t)itn__clamp(above, 0, 255) << 16 |
-                  (uint32_t)itn__min(ceilf((patch.chord + 1e-5f) * itn__length(n)), 255) << 24);
+                  (uint32_t)itn__min(ceilf((chord + 1e-5f) * length), 255) << 24);
 }
 static void itn__make_regions(void *task, int chunk) {
     const itn__voxel_build *build = (const itn__voxel_build *)task;
@@ -6194,7 +6162,6 @@ static void itn__voxels_free(const itn_context *context, void *made) {
     if (!voxels) return;
     itn__free(context, voxels->cells), itn__free(context, voxels->planes);
     itn__free(context, voxels->first), itn__free(context, voxels->leaves);
-    itn__free(context, voxels->normals), itn__free(context, voxels->pixels);
     itn__free(context, voxels);
 }
 
@@ -6205,11 +6172,8 @@ static int itn__voxels_fill(const itn_context *context, itn__voxel_build *build)
     v->cells = ITN__NEW(int32_t, context, cells), v->planes = ITN__NEW(int32_t, context, cells);
     v->first = ITN__NEW(int32_t, context, cells + 2);
     build->touched = ITN__NEW(int32_t, context, cells);
-    build->last = ITN__NEW(int32_t, context, cells);
     build->patches = ITN__NEW(itn__patch, context, cells);
-    if (!v->cells || !v->planes || !v->first || !build->touched || !build->last ||
-        !build->patches)
-        return 0;
+    if (!v->cells || !v->planes || !v->first || !build->touched || !build->patches) return 0;
     itn__enter_triangles(build, 0);
     int leaves = itn__prefix_sum(v->first, cells);
     v->leaves = leaves < 0 ? NULL : ITN__NEW(int32_t, context, (size_t)leaves);
@@ -6241,67 +6205,16 @@ static itn_result itn__voxels_make(const itn_context *context, const itn_bvh *bv
                            (double)itn__max_abs(itn__sub(upper, lower)));
     else if (!itn__voxels_fill(context, &build))
         result = itn__out_of_memory(error, "voxels");
-    itn__free(context, build.touched), itn__free(context, build.last);
-    itn__free(context, build.patches);
+    itn__free(context, build.touched), itn__free(context, build.patches);
     if (!result) *voxels = build.voxels;
     else itn__voxels_free(context, build.voxels);
     return result;
-}
-
-/* Unit normals of all triangles of a tree, by slots; 0 where there is none. */
-static float *itn__make_normals(const itn_context *context, const itn_bvh *bvh) {
-    float *normals = (float *)itn__allocate(context, (size_t)bvh->triangle_count,
-                                            3 * sizeof(float));
-    for (int i = 0; normals && i < bvh->triangle_count; i++) {
-        double n[3];
-        if (!itn__unit_normal(&bvh->triangles[i], n)) continue;
-        for (int k = 0; k < 3; k++) normals[3 * i + k] = (float)n[k];
-    }
-    return normals;
-}
-
-/* Marks with 1 the pixels, [height][width], that are empty, whose rays meet nothing: no triangle's
-   box in the film, widened by the filter and by rounding, covers them. A triangle that reaches
-   behind the camera may be anywhere. */
-static unsigned char *itn__make_pixels(const itn_scene *scene) {
-    const itn__camera *camera = &scene->camera;
-    const itn_vec3 axis[2] = {camera->right, itn__scale(camera->up, -1)};
-    const int size[2] = {camera->width, camera->height};
-    size_t count = (size_t)size[0] * (size_t)size[1];
-    unsigned char *pixels = (unsigned char *)itn__allocate(&scene->context, count, 1);
-    float half[2], margin[2];
-    int k;
-    if (!pixels) return NULL;
-    memset(pixels, 1, count);
-    for (k = 0; k < 2; k++) { /* rounding: a hundredth of a pixel, of the film, of directions */
-        half[k] = itn__length(axis[k]), margin[k] = 1e-5f + 4 * FLT_EPSILON / half[k];
-        margin[k] = margin[k] * (float)size[k] + .51f;
-        margin[k] += camera->deviation > 0 ? 4 * camera->deviation : .5f;
-    }
-    for (int i = 0; i < scene->bvh->triangle_count; i++) {
-        float least[2] = {FLT_MAX, FLT_MAX}, most[2] = {-FLT_MAX, -FLT_MAX};
-        itn_vec3 p[3];
-        itn__bvh_corners(scene->bvh, i, p);
-        for (int j = 0; j < 6; j++) {
-            itn_vec3 v = itn__sub(p[j / 2], camera->eye);
-            float depth = itn__dot(v, camera->forward), end = (float)size[k = j % 2];
-            float x = (itn__dot(v, axis[k]) / (half[k] * half[k] * depth) + 1) * .5f * end;
-            if (!(depth > 1e-3f * itn__max_abs(v)))
-                return (unsigned char *)memset(pixels, 0, count);
-            least[k] = itn__min(least[k], itn__clamp(x - margin[k], 0, end));
-            most[k] = itn__max(most[k], itn__clamp(x + margin[k], 0, end));
-        }
-        for (int y = (int)least[1]; y < (int)most[1]; y++)
-            memset(pixels + y * size[0] + (int)least[0], 0, (size_t)most[0] - (size_t)least[0]);
-    }
-    return pixels;
 }
 
 /* Makes the tables of a scene with so many voxels along the longest side of the solids with media;
    without media there is a grid anywhere, which nobody asks. */
 static itn_result itn__tables_make(const itn_scene *scene, int resolution, itn__voxels **made,
                                    itn_error *error) {
-    const itn_context *context = &scene->context;
     float lower[3] = {INFINITY, INFINITY, INFINITY}, upper[3] = {-INFINITY, -INFINITY, -INFINITY};
     itn_vec3 a = itn__vec3(0, 0, 0), b = itn__vec3(1, 1, 1);
     uint64_t closed = 0;
@@ -6315,34 +6228,23 @@ static itn_result itn__tables_make(const itn_scene *scene, int resolution, itn__
     }
     if (lower[0] <= upper[0])
         a = itn__vec3(lower[0], lower[1], lower[2]), b = itn__vec3(upper[0], upper[1], upper[2]);
-    itn_result result =
-        itn__voxels_make(context, scene->bvh, closed, a, b, resolution, made, error);
-    if (result) return result;
-    (*made)->normals = itn__make_normals(context, scene->bvh);
-    (*made)->pixels = itn__make_pixels(scene);
-    if ((*made)->normals && (*made)->pixels) return ITN_OK;
-    itn__voxels_free(context, *made), *made = NULL;
-    return itn__out_of_memory(error, "the tables of a scene");
+    return itn__voxels_make(&scene->context, scene->bvh, closed, a, b, resolution, made, error);
 }
 
-/* The level for a job of that many paths: resolution 16 << level. Cells are about as large as a
-   mean free path, and not so large that they hold many triangles; a small job has coarse ones, and
-   the more so the more lanes share what exact flights cost. */
-static int itn__tables_level(const itn_scene *scene, const float *theta, double paths) {
+/* Gets a render its tables, which the scene keeps, of the level for its number of paths: resolution
+   16 << level. Cells are about as large as a mean free path, and not so large that they hold many
+   triangles; a small job has coarse ones, and the more so the more lanes share what exact flights
+   cost. */
+static itn_result itn__tables_get(itn__render *render, itn_error *error) {
+    const itn_scene *scene = render->scene;
     double cells = .14 * sqrt((double)scene->bvh->triangle_count);
+    double paths = render->samples * render->walks;
     int level = paths >= 1e6, finest = paths < 1e4 * ITN__LANES ? 1 : 2;
     for (int i = 0; i < scene->object_count; i++)
         if (scene->objects[i].medium >= 0)
-            cells = fmax(cells, scene->radius * (double)theta[
+            cells = fmax(cells, scene->radius * (double)render->theta[
                                     scene->media[scene->objects[i].medium].sigma_t[0]]);
     while (level < finest && cells > 12 << level) level++;
-    return level;
-}
-
-/* Gets a render its tables, which the scene keeps. */
-static itn_result itn__tables_get(itn__render *render, itn_error *error) {
-    const itn_scene *scene = render->scene;
-    int level = itn__tables_level(scene, render->theta, render->samples * render->walks);
     itn_result result = ITN_OK;
     itn__voxels *made = NULL;
     if (!itn__once_get(&scene->kept[level])) {
@@ -7463,15 +7365,12 @@ static void itn__pass(itn__crowd *crowd, itn__path *path, int substance, float t
 static void itn__meet(itn__crowd *crowd, int substance, itn__path *path) {
     const itn__render *render = crowd->render;
     const itn_scene *scene = render->scene;
-    const float *n = render->voxels->normals + 3 * (size_t)path->hit.triangle;
     itn_ray ray;
     ray.origin = path->p, ray.direction = path->d;
-    path->up = itn__vec3(n[0], n[1], n[2]);
-    if (itn__max_abs(path->up) == 0) {
+    if (!itn__hit_normal(scene->bvh, &path->hit, path->d, &path->up)) {
         itn__end(crowd, path, substance);
         return;
     }
-    if (itn__dot(path->up, path->d) > 0) path->up = itn__scale(path->up, -1);
     itn__pass(crowd, path, substance, itn__max(path->hit.t, 0));
     path->event = itn__meet_faces(scene, render->theta, &path->place, &ray, &path->hit);
     path->p = itn__hit_point(scene->bvh, &path->hit);
@@ -7730,7 +7629,7 @@ static void itn__start_ray(itn__crowd *crowd) {
                                   (int)(pixel / (size_t)width), u[0], u[1]);
     path->p = ray.origin, path->d = ray.direction, path->distance = INFINITY;
     path->hit.triangle = -1;
-    if (render->outside && !render->voxels->pixels[pixel]) itn__find_hit(render->scene, path);
+    if (render->outside) itn__find_hit(render->scene, path);
     path->number = number, seen = *path;
     if (render->outside && seen.hit.triangle < 0) {
         itn__see_through(crowd, path);

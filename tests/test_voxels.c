@@ -568,7 +568,7 @@ static void memory_may_fail(void) {
         }
         CHECK(result == ITN_ERROR_MEMORY && error.code == result && !v && a.live == 0);
     }
-    CHECK(fail > 8 && fail < 100);
+    CHECK(fail > 7 && fail < 100);
     world_free(&w);
 }
 
