@@ -1742,13 +1742,7 @@ ITN__INLINE int itn__pack_hit(const itn__pack *pack, const itn__shear *shear, fl
    the others hold more than ITN__PACK of the n triangles each: there are at most
    n / (ITN__WIDE - 1) + n / ITN__PACK + 1. */
 
-enum {
-    ITN__WIDE = ITN__LANES > 4 ? 16 : 8,
-    ITN__BINS = 16,
-    ITN__SAH_DEPTH = 32,
-    ITN__DEPTH = 64,
-    ITN__BLOCK = 256 /* triangles that one task takes */
-};
+enum { ITN__WIDE = ITN__LANES > 4 ? 16 : 8, ITN__BINS = 16, ITN__SAH_DEPTH = 32, ITN__DEPTH = 64 };
 
 /* lower x, y, z, then minus upper x, y, z, so that joining two boxes takes nothing but minima; the
    elements 3 and 7 mean nothing. */
@@ -1802,7 +1796,7 @@ typedef struct itn__reference {
     int index;
 } itn__reference;
 
-/* A part of the list of references: a child, or what a node or a leaf is made of. */
+/* A part of the list of references: what a node or a leaf is made of. */
 typedef struct itn__range {
     int first, count;
 } itn__range;
@@ -1814,8 +1808,8 @@ typedef struct itn__child {
 
 typedef struct itn__build {
     itn__reference *references;
-    itn__range *nodes, *leaves; /* their references; leaf 0 has none */
-    int first, depth;           /* of the level that is being made: its first node, its number */
+    itn__range *ranges; /* of child c, as nodes name it; the empty leaf has none */
+    int first, depth;   /* of the level that is being made: its first node, its number */
     itn_bvh *bvh;
 } itn__build;
 
@@ -1900,18 +1894,18 @@ static void itn__grow(void *task, int index) {
     int number = build->first + index, count = 1, next, i;
     itn__node *node = &build->bvh->nodes[number];
     itn__child children[ITN__WIDE];
-    children[0] = itn__make_child(build, build->nodes[number].first, build->nodes[number].count);
-    while (count < ITN__WIDE) {
+    children[0] = itn__make_child(build, build->ranges[number].first, build->ranges[number].count);
+    for (; count < ITN__WIDE; count++) {
         for (i = 0, next = -1; i < count; i++)
             if (children[i].range.count > ITN__PACK &&
                 (next < 0 || children[i].area > children[next].area))
                 next = i;
         if (next < 0) break;
-        itn__child cut = children[next];
-        int left = itn__partition(build->references + cut.range.first, &cut, build->depth);
-        memmove(children + next + 1, children + next, (size_t)(count++ - next) * sizeof *children);
-        children[next] = itn__make_child(build, cut.range.first, left);
-        children[next + 1] = itn__make_child(build, cut.range.first + left, cut.range.count - left);
+        itn__range cut = children[next].range;
+        int left = itn__partition(build->references + cut.first, &children[next], build->depth);
+        memmove(children + next + 1, children + next, (size_t)(count - next) * sizeof *children);
+        children[next] = itn__make_child(build, cut.first, left);
+        children[next + 1] = itn__make_child(build, cut.first + left, cut.count - left);
     }
     for (i = 0; i < ITN__WIDE; i++) {
         itn__box box = i < count ? children[i].box : itn__box_empty();
@@ -1921,58 +1915,10 @@ static void itn__grow(void *task, int index) {
     }
 }
 
-/* Numbers the children of a node. */
-static void itn__number_children(itn__build *build, int number) {
-    itn_bvh *bvh = build->bvh;
-    itn__range range = build->nodes[number];
-    int32_t *child = bvh->nodes[number].child;
-    for (int i = 0; i < ITN__WIDE; i++, range.first += range.count) {
-        range.count = child[i];
-        if (range.count > ITN__PACK) {
-            child[i] = bvh->node_count++;
-            build->nodes[child[i]] = range;
-        } else {
-            child[i] = range.count ? ~bvh->leaf_count++ : ~0;
-            build->leaves[~child[i]] = range;
-        }
-    }
-}
-
-static void itn__fill_leaf(void *task, int index) {
-    itn__build *build = (itn__build *)task;
-    itn__range range = build->leaves[index];
-    int32_t numbers[ITN__PACK];
-    for (int k = 0; k < range.count; k++) numbers[k] = build->references[range.first + k].index;
-    itn__pack_fill(&build->bvh->packs[index], build->bvh->triangles, numbers, range.count);
-}
-
-ITN_API void itn_bvh_free(itn_bvh *bvh) {
-    if (!bvh) return;
-    itn_context context = bvh->context;
-    itn__free(&context, bvh->triangles);
-    itn__free(&context, bvh->pack_memory);
-    itn__free(&context, bvh->node_memory);
-    itn__free(&context, bvh);
-}
-
-static ITN__UNUSED int itn__block_count(int count) { return (count + ITN__BLOCK - 1) / ITN__BLOCK; }
-static ITN__UNUSED int itn__block_end(int index, int count) {
-    return count - index * ITN__BLOCK < ITN__BLOCK ? count : (index + 1) * ITN__BLOCK;
-}
-
-/* Allocates count elements that begin a cache line; *memory is what to free. */
-static void *itn__allocate_aligned(const itn_context *context, size_t count, size_t size,
-                                   void **memory) {
-    const size_t line = 64;
-    *memory = count < SIZE_MAX / 2 / size ? itn__allocate(context, count * size + line, 1) : NULL;
-    return *memory ? (char *)*memory + (line - (uintptr_t)*memory % line) % line : NULL;
-}
-
-/* Makes references of all triangles, all levels, and the leaves. Returns 0 if memory is out. */
-static int itn__grow_tree(itn__build *build) {
+/* Makes references of all triangles, then all levels. */
+static void itn__grow_tree(itn__build *build) {
     itn_bvh *bvh = build->bvh;
     itn__box all = itn__box_empty();
-    int end = 0;
     for (int i = 0; i < bvh->triangle_count; i++) {
         itn__box box = itn__box_empty();
         for (int k = 0; k < 9; k++) {
@@ -1987,17 +1933,46 @@ static int itn__grow_tree(itn__build *build) {
     bvh->lower = itn__vec3(all.bound[0], all.bound[1], all.bound[2]);
     bvh->upper = itn__vec3(-all.bound[4], -all.bound[5], -all.bound[6]);
     bvh->node_count = bvh->leaf_count = 1;
-    build->nodes[0].count = bvh->triangle_count;
-    for (; end < bvh->node_count; build->depth++) {
+    build->ranges[0].count = bvh->triangle_count;
+    for (int end = 0; end < bvh->node_count; build->depth++) {
         build->first = end, end = bvh->node_count;
         itn__parallel_for(&bvh->context, end - build->first, itn__grow, build);
-        for (int i = build->first; i < end; i++) itn__number_children(build, i);
+        for (int i = build->first; i < end; i++) { /* numbers children */
+            itn__range range = build->ranges[i];
+            for (int k = 0; k < ITN__WIDE; k++, range.first += range.count) {
+                int32_t *child = &bvh->nodes[i].child[k];
+                range.count = *child;
+                *child = range.count > ITN__PACK ? bvh->node_count++
+                                                 : ~(range.count ? bvh->leaf_count++ : 0);
+                build->ranges[*child] = range;
+            }
+        }
     }
-    bvh->packs = (itn__pack *)itn__allocate_aligned(&bvh->context, (size_t)bvh->leaf_count,
-                                                    sizeof(itn__pack), &bvh->pack_memory);
-    if (!bvh->packs) return 0;
-    itn__parallel_for(&bvh->context, bvh->leaf_count, itn__fill_leaf, build);
-    return 1;
+}
+
+static void itn__fill_leaf(void *task, int index) {
+    itn__build *build = (itn__build *)task;
+    itn__range range = build->ranges[~index];
+    int32_t numbers[ITN__PACK];
+    for (int k = 0; k < range.count; k++) numbers[k] = build->references[range.first + k].index;
+    itn__pack_fill(&build->bvh->packs[index], build->bvh->triangles, numbers, range.count);
+}
+
+ITN_API void itn_bvh_free(itn_bvh *bvh) {
+    if (!bvh) return;
+    itn_context context = bvh->context;
+    itn__free(&context, bvh->triangles);
+    itn__free(&context, bvh->pack_memory);
+    itn__free(&context, bvh->node_memory);
+    itn__free(&context, bvh);
+}
+
+/* Allocates count elements that begin a cache line; *memory is what to free. */
+static void *itn__allocate_aligned(const itn_context *context, size_t count, size_t size,
+                                   void **memory) {
+    const size_t line = 64;
+    *memory = count < SIZE_MAX / 2 / size ? itn__allocate(context, count * size + line, 1) : NULL;
+    return *memory ? (char *)*memory + (line - (uintptr_t)*memory % line) % line : NULL;
 }
 
 /* A tree with room for so many triangles, or NULL. */
@@ -2014,21 +1989,23 @@ static itn_bvh *itn__bvh_new(const itn_context *context, int count) {
 /* Builds it over its triangles, whose corners and objects are known. */
 static itn_result itn__bvh_build(itn_bvh *bvh, itn_error *error) {
     const itn_context *context = &bvh->context;
-    size_t count = (size_t)bvh->triangle_count;
-    size_t nodes = count / (ITN__WIDE - 1) + count / ITN__PACK + 1; /* at most */
+    size_t leaves = (size_t)bvh->triangle_count + 1; /* at most */
+    size_t nodes = leaves / (ITN__WIDE - 1) + leaves / ITN__PACK + 1;
     itn__build build = ITN_ZERO;
-    build.bvh = bvh;
+    itn__range *ranges = ITN__NEW(itn__range, context, leaves + nodes);
+    build.references = ITN__NEW(itn__reference, context, leaves);
     bvh->nodes = (itn__node *)itn__allocate_aligned(context, nodes, sizeof(itn__node),
                                                     &bvh->node_memory);
-    build.references = ITN__NEW(itn__reference, context, count);
-    build.nodes = ITN__NEW(itn__range, context, nodes);
-    build.leaves = ITN__NEW(itn__range, context, count + 1);
-    int made =
-        bvh->nodes && build.references && build.nodes && build.leaves && itn__grow_tree(&build);
-    itn__free(context, build.leaves);
-    itn__free(context, build.nodes);
+    if (ranges && build.references && bvh->nodes) {
+        build.bvh = bvh, build.ranges = ranges + leaves;
+        itn__grow_tree(&build);
+        bvh->packs = (itn__pack *)itn__allocate_aligned(context, (size_t)bvh->leaf_count,
+                                                        sizeof(itn__pack), &bvh->pack_memory);
+        if (bvh->packs) itn__parallel_for(context, bvh->leaf_count, itn__fill_leaf, &build);
+    }
     itn__free(context, build.references);
-    return made ? ITN_OK : itn__out_of_memory(error, "a bounding volume hierarchy");
+    itn__free(context, ranges);
+    return bvh->packs ? ITN_OK : itn__out_of_memory(error, "a bounding volume hierarchy");
 }
 
 /* Rays. A ray meets a box where its intervals between the three pairs of planes overlap. A box may
@@ -2073,26 +2050,6 @@ static void itn__slabs_make(itn__slabs *s, const itn_bvh *bvh, const itn_ray *ra
     s->end = itn__widen(ray->tmax);
 }
 
-/* The children of a node that the ray enters, as bits; enter receives at which distance. */
-ITN__INLINE unsigned itn__slabs_enter(const itn__slabs *s, const itn__node *node,
-                                      float enter[ITN__WIDE]) {
-    unsigned missed = 0;
-    int k;
-    for (int from = 0; from < ITN__WIDE; from += ITN__LANES) {
-        itn__floats in = itn__splat(s->start), out = itn__splat(s->end);
-        ITN__UNROLL
-        for (k = 0; k < 3; k++) {
-            itn__floats first = itn__load(node->bounds[s->first[k]] + from) - s->origin_first[k];
-            itn__floats last = itn__load(node->bounds[s->last[k]] + from) - s->origin_last[k];
-            in = itn__most(first * s->inverse[k], in);
-            out = itn__least(last * s->inverse[k], out);
-        }
-        itn__store(enter + from, in);
-        missed |= itn__less_bits(out, in) << from;
-    }
-    return ~missed & ((1u << ITN__WIDE) - 1);
-}
-
 /* A child that the ray enters, still to be visited. */
 typedef struct itn__visit {
     float enter;
@@ -2105,13 +2062,26 @@ ITN__INLINE int itn__descend(const itn_bvh *bvh, const itn__slabs *s, itn__visit
                              int32_t *child) {
     const itn__node *node = &bvh->nodes[*child];
     float enter[ITN__WIDE];
-    unsigned entered = itn__slabs_enter(s, node, enter);
-    int further;
+    unsigned entered = (1u << ITN__WIDE) - 1;
+    int k;
+    for (int from = 0; from < ITN__WIDE; from += ITN__LANES) {
+        itn__floats in = itn__splat(s->start), out = itn__splat(s->end);
+        ITN__UNROLL
+        for (k = 0; k < 3; k++) {
+            itn__floats first = itn__load(node->bounds[s->first[k]] + from) - s->origin_first[k];
+            itn__floats last = itn__load(node->bounds[s->last[k]] + from) - s->origin_last[k];
+            in = itn__most(first * s->inverse[k], in);
+            out = itn__least(last * s->inverse[k], out);
+        }
+        itn__store(enter + from, in);
+        entered &= ~(itn__less_bits(out, in) << from);
+    }
     if (!entered) return 0;
     int nearest = itn__lowest_bit(entered);
     while (entered &= entered - 1) {
-        int k = itn__lowest_bit(entered);
-        further = enter[k] < enter[nearest] ? nearest : k, nearest = nearest + k - further;
+        k = itn__lowest_bit(entered);
+        int further = enter[k] < enter[nearest] ? nearest : k;
+        nearest += k - further;
         stack[*top].enter = enter[further], stack[*top].child = node->child[further];
         ++*top;
     }
@@ -2147,12 +2117,6 @@ ITN__NOINLINE int itn__bvh_trace(const itn_bvh *bvh, const itn_ray *ray, const i
     if (best.triangle < 0) return 0;
     *hit = best;
     return 1;
-}
-
-/* itn_bvh_nearest of the faces that `sides` names. */
-static int itn__bvh_face(const itn_bvh *bvh, const itn_ray *ray, const itn__sides *sides,
-                         itn_hit *hit) {
-    return itn__bvh_trace(bvh, ray, sides, 0, hit);
 }
 
 ITN_API int itn_bvh_nearest(const itn_bvh *bvh, const itn_ray *ray, itn_hit *hit) {
@@ -3244,7 +3208,7 @@ static int itn__next_hit(const itn_scene *scene, itn__place *place, itn_ray *ray
     int masked = 0;
     ray->tmin = -slack;
     for (;;) {
-        int found = itn__bvh_face(scene->bvh, ray, &sides, hit);
+        int found = itn__bvh_trace(scene->bvh, ray, &sides, 0, hit);
         if (masked && !(found && hit->t == at)) { /* none has */
             ray->tmin = at, sides = place->sides, masked = 0;
             continue;
@@ -3328,7 +3292,7 @@ static void itn__gather_faces(const itn_scene *scene, const itn__place *place, i
     sides.front &= others, sides.back &= others;
     while ((sides.front | sides.back) && event->count < ITN__MOST_FACES) {
         itn_hit other;
-        if (!itn__bvh_face(scene->bvh, &ray, &sides, &other)) return;
+        if (!itn__bvh_trace(scene->bvh, &ray, &sides, 0, &other)) return;
         uint64_t bit = itn__object_bit(scene->bvh->triangles[other.triangle].object);
         sides.front &= ~bit, sides.back &= ~bit;
         if (!itn__just_crossed(place, &other) &&
@@ -5556,7 +5520,7 @@ static int itn__is_tangled(const itn_scene *scene, int object, itn_ray line) {
             itn__sides sides = ITN_ZERO;
             itn_hit hit;
             *(k ? &sides.back : &sides.front) = itn__object_bit(object);
-            if (itn__bvh_face(scene->bvh, &line, &sides, &hit)) t[k] = hit.t;
+            if (itn__bvh_trace(scene->bvh, &line, &sides, 0, &hit)) t[k] = hit.t;
         }
         line.tmin = itn__min(t[0], t[1]);
         if (line.tmin == INFINITY) return inside;
@@ -6119,10 +6083,12 @@ static void itn__region_make(const itn__voxel_build *build, int cell) {
         (int32_t)(((uint32_t)(int)below & 0xffff) | (uint32_t)itn__clamp(above, 0, 255) << 16 |
                   (uint32_t)itn__min(ceilf((chord + 1e-5f) * length), 255) << 24);
 }
+enum { ITN__BLOCK = 256 }; /* cells that one task takes */
 static void itn__make_regions(void *task, int chunk) {
     const itn__voxel_build *build = (const itn__voxel_build *)task;
-    int end = itn__block_end(chunk, (int)itn__cell_count(build->voxels));
-    for (int i = chunk * ITN__BLOCK; i < end; i++) itn__region_make(build, i);
+    int count = (int)itn__cell_count(build->voxels);
+    for (int i = chunk * ITN__BLOCK; i < count && i / ITN__BLOCK == chunk; i++)
+        itn__region_make(build, i);
 }
 
 /* How many cells a box takes, with one more on each side. */
@@ -6184,7 +6150,8 @@ static int itn__voxels_fill(const itn_context *context, itn__voxel_build *build)
     }
     itn__enter_triangles(build, 1);
     itn__voxel_distances(v);
-    itn__parallel_for(context, itn__block_count((int)cells), itn__make_regions, build);
+    int blocks = ((int)cells + ITN__BLOCK - 1) / ITN__BLOCK;
+    itn__parallel_for(context, blocks, itn__make_regions, build);
     return 1;
 }
 

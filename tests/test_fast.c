@@ -783,7 +783,7 @@ static void retrace(herd *f, int k, const itn__vectors *to) {
     ray.origin = itn__lane_vector(&f->p, k), ray.direction = itn__lane_vector(&f->d, k);
     ray.tmin = -itn__slack(f->scene, ray.origin), ray.tmax = ITN__LANE(f->distance, k);
     f->free++;
-    f->wrong += itn__bvh_face(f->scene->bvh, &ray, &f->places[k].sides, &hit);
+    f->wrong += itn__bvh_trace(f->scene->bvh, &ray, &f->places[k].sides, 0, &hit);
     f->places[k].crossed_count = 0;
     set_lane(&f->p, k, itn__lane_vector(to, k));
 }

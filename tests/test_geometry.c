@@ -644,7 +644,7 @@ static void expect_brute(itn_mesh mesh, int rays, float scale, float offset, flo
         wrong_any += itn_bvh_occluded(bvh, &given) != found;
         found = brute(bvh, &ray, &sides, &expected);
         side_hits += found;
-        wrong_sides += itn__bvh_face(bvh, &given, &sides, &hit) != found ||
+        wrong_sides += itn__bvh_trace(bvh, &given, &sides, 0, &hit) != found ||
                        !same_hit(&hit, &expected) ||
                        itn__bvh_trace(bvh, &given, &sides, 1, NULL) != found;
     }
@@ -821,7 +821,7 @@ static void expect_tight(itn_mesh mesh, int rays, float scale, float offset, int
         itn_hit hit;
         if (i % 3 == 0) ray.direction = itn__normalize(ray.direction);
         if (!itn_bvh_nearest(bvh, &ray, &hit)) leaks++;
-        if (!itn__bvh_face(bvh, &ray, &inside, &hit)) side_leaks++;
+        if (!itn__bvh_trace(bvh, &ray, &inside, 0, &hit)) side_leaks++;
         else if (hit.front) wrong_side++;
     }
     check_report(leaks == 0 && side_leaks == 0, __FILE__, __LINE__,
@@ -847,10 +847,10 @@ static void expect_parity(itn_mesh mesh, int rays, float offset) {
         float slack = 8 * FLT_EPSILON * (offset + 8);
         itn_ray ray = ray_of(o, d, 0, INFINITY);
         itn_hit in, out;
-        while (itn__bvh_face(bvh, &ray, &outside, &in)) {
+        while (itn__bvh_trace(bvh, &ray, &outside, 0, &in)) {
             entries++;
             ray.tmin = in.t - slack;
-            if (!itn__bvh_face(bvh, &ray, &inside, &out)) {
+            if (!itn__bvh_trace(bvh, &ray, &inside, 0, &out)) {
                 lost++;
                 break;
             }
@@ -912,7 +912,7 @@ static void expect_bounces(itn_mesh mesh, float scale, float offset, int filtere
     for (i = 0; i < 2000 * RAYS; i++) {
         itn_ray ray = ray_of(o, d, -8 * FLT_EPSILON * (scale + offset), INFINITY);
         itn_hit hit;
-        if (!itn__bvh_face(bvh, &ray, filtered ? &back : NULL, &hit)) {
+        if (!itn__bvh_trace(bvh, &ray, filtered ? &back : NULL, 0, &hit)) {
             lost++;
             unexplained += !above_a_face(&mesh, o);
             o = middle;
@@ -946,15 +946,15 @@ static void test_walks(void) {
     expect_bounces(sphere(40, 19), 1, 1e3f, 1, 400);
     expect_bounces(box(1, .5f, .7f), 1, 0, 1, 10);
     CHECK_CATCHES(expect_bounces(sphere(40, 19), 1, 0, 0, 200000));
-    CHECK(!itn__bvh_face(bvh, &ray, sides, &hit)); /* just beyond the wall */
+    CHECK(!itn__bvh_trace(bvh, &ray, sides, 0, &hit)); /* just beyond the wall */
     ray.tmin = -4e-6f;
-    CHECK(itn__bvh_face(bvh, &ray, sides, &hit) && hit.t < 0 && hit.t > -2e-6f && !hit.front);
+    CHECK(itn__bvh_trace(bvh, &ray, sides, 0, &hit) && hit.t < 0 && hit.t > -2e-6f && !hit.front);
     ray.tmax = 0; /* both ends negative or zero */
-    CHECK(itn__bvh_face(bvh, &ray, sides, &hit));
-    CHECK(!itn__bvh_face(bvh, &ray, sides + 1, &hit)); /* outside: only front faces */
+    CHECK(itn__bvh_trace(bvh, &ray, sides, 0, &hit));
+    CHECK(!itn__bvh_trace(bvh, &ray, sides + 1, 0, &hit)); /* outside: only front faces */
     ray = ray_of(itn__vec3(0, 0, 0), itn__vec3(1, .1f, 0), 0, INFINITY);
-    CHECK(itn__bvh_face(bvh, &ray, sides, &hit) && hit.t == 1);
-    CHECK(!itn__bvh_face(bvh, &ray, sides + 1, &hit));
+    CHECK(itn__bvh_trace(bvh, &ray, sides, 0, &hit) && hit.t == 1);
+    CHECK(!itn__bvh_trace(bvh, &ray, sides + 1, 0, &hit));
     itn_bvh_free(bvh);
     itn_mesh_free(&mesh);
 }
@@ -975,7 +975,7 @@ static void expect_leaving(int quads, float scale, float offset, itn__sides both
         itn_ray ray = ray_of(from, itn__sub(to, from), 0, INFINITY);
         itn__sides begun = both;
         itn_hit hit;
-        if (!itn__bvh_face(bvh, &ray, &both, &hit)) {
+        if (!itn__bvh_trace(bvh, &ray, &both, 0, &hit)) {
             missed += i % 3 == 0; /* at the rim a miss is right */
             continue;
         }
@@ -983,9 +983,9 @@ static void expect_leaving(int quads, float scale, float offset, itn__sides both
         front += hit.front;
         ray = ray_of(itn__along(from, hit.t, ray.direction), d, 0, INFINITY);
         itn__begin_at(&begun, &bvh->triangles[hit.triangle], ray.origin, 1);
-        again += itn__bvh_face(bvh, &ray, &begun, &hit);
+        again += itn__bvh_trace(bvh, &ray, &begun, 0, &hit);
         begun.thrown = 0, ray.tmin = -1e-5f * (scale + offset);
-        passed += i % 3 || (itn__bvh_face(bvh, &ray, &begun, &hit) && hit.t == 0);
+        passed += i % 3 || (itn__bvh_trace(bvh, &ray, &begun, 0, &hit) && hit.t == 0);
     }
     check_report(again == 0, __FILE__, __LINE__, "%d quads, scale %g, offset %g: %d met again",
                  quads, scale, offset, again);
@@ -1013,16 +1013,16 @@ static void test_sheets(void) {
     expect_leaving(8, 1e4f, 0, both);
     expect_leaving(8, 1, 1e3f, both);
     CHECK_CATCHES(expect_leaving(8, 1, 0, front));
-    CHECK(itn__bvh_face(bvh, &ray, &both, &hit));
+    CHECK(itn__bvh_trace(bvh, &ray, &both, 0, &hit));
     o.z = hit.t, thrown = both; /* on the sheet; moving off it by little brings it back */
     itn__begin_at(&thrown, bvh->triangles, o, 1);
     for (i = 0; i < 2; i++) {
         float step = i ? 1e-5f : 0;
         ray = ray_of(itn__vec3(o.x, o.y, o.z - step), n, 0, INFINITY);
-        CHECK(itn__bvh_face(bvh, &ray, &thrown, &hit) == i);
+        CHECK(itn__bvh_trace(bvh, &ray, &thrown, 0, &hit) == i);
     }
     ray = ray_of(itn__vec3(o.x, o.y, o.z + 1), n, -2, INFINITY); /* behind: sheets need t > 0 */
-    CHECK(!itn__bvh_face(bvh, &ray, &both, &hit) && itn_bvh_nearest(bvh, &ray, &hit));
+    CHECK(!itn__bvh_trace(bvh, &ray, &both, 0, &hit) && itn_bvh_nearest(bvh, &ray, &hit));
     itn_bvh_free(bvh);
     itn_mesh_free(&mesh);
 }
