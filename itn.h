@@ -1517,8 +1517,7 @@ typedef struct itn__shear {
 
 /* Returns 0 for a ray that can hit nothing because it is not finite or its direction is zero. */
 static int itn__shear_make(const itn_ray *ray, itn__shear *shear) {
-    float d[3];
-    d[0] = ray->direction.x, d[1] = ray->direction.y, d[2] = ray->direction.z;
+    const float d[3] = {ray->direction.x, ray->direction.y, ray->direction.z};
     int kz = fabsf(d[0]) > fabsf(d[1]) ? 0 : 1;
     if (!(fabsf(d[kz]) > fabsf(d[2]))) kz = 2;
     int swap = d[kz] < 0; /* keeps the orientation of triangles */
@@ -1528,8 +1527,7 @@ static int itn__shear_make(const itn_ray *ray, itn__shear *shear) {
     shear->sz = 1 / d[kz];
     shear->sx = d[shear->kx] * shear->sz;
     shear->sy = d[shear->ky] * shear->sz;
-    shear->origin[0] = ray->origin.x, shear->origin[1] = ray->origin.y;
-    shear->origin[2] = ray->origin.z;
+    memcpy(shear->origin, &ray->origin, sizeof shear->origin);
     return itn__finite3(ray->origin) && itn__finite3(ray->direction) && itn__finite(shear->sz);
 }
 
@@ -1585,7 +1583,7 @@ ITN__NOINLINE int itn__meets_sheet(const itn__triangle *triangle, const itn__she
                                    const itn__sides *sides, float *t) {
     itn_vec3 origin = itn__vec3(s->origin[0], s->origin[1], s->origin[2]);
     itn__plane plane = itn__plane_of(triangle, origin);
-    double p[3][3], w[3], exact;
+    double p[3][3], w[3], exact, least = INFINITY, most = -INFINITY;
     if (fabs(plane.f) <= (double)sides->flush * plane.size + plane.error) {
         *t = 0;
         return sides->flush > 0 && !sides->thrown;
@@ -1596,13 +1594,11 @@ ITN__NOINLINE int itn__meets_sheet(const itn__triangle *triangle, const itn__she
         p[k][0] = (double)corner[s->kx] - s->origin[s->kx] - s->sx * z;
         p[k][1] = (double)corner[s->ky] - s->origin[s->ky] - s->sy * z;
         p[k][2] = z * s->sz;
+        least = fmin(least, p[k][2]), most = fmax(most, p[k][2]);
     }
     double det = itn__edge_functions(p, w, &exact);
-    if (fmin(w[0] / det, fmin(w[1] / det, w[2] / det)) >= -FLT_EPSILON) {
-        double least = fmin(p[0][2], fmin(p[1][2], p[2][2])),
-               most = fmax(p[0][2], fmax(p[1][2], p[2][2]));
+    if (fmin(w[0] / det, fmin(w[1] / det, w[2] / det)) >= -FLT_EPSILON)
         *t = (float)fmin(most, fmax(least, exact));
-    }
     if (!(*t > 0)) return 0;
     /* in lengths of the direction, as t is */
     *t += 2 * FLT_EPSILON * (*t + itn__max_abs(origin) * fabsf(s->sz));
@@ -1623,50 +1619,19 @@ typedef struct itn__pack {
 /* Fills a pack with the triangles of these numbers, at most ITN__PACK. */
 static void itn__pack_fill(itn__pack *pack, const itn__triangle *triangles, const int32_t *numbers,
                            int count) {
-    pack->used = (1u << count) - 1, pack->object = count ? triangles[numbers[0]].object : -1;
-    for (int i = 0; i < ITN__PACK; i++) {
-        const itn__triangle *triangle = i < count ? &triangles[numbers[i]] : NULL;
-        pack->index[i] = triangle ? triangle->index : -1;
-        pack->objects[i] = (uint8_t)(triangle ? triangle->object : 0);
-        if (triangle && triangle->object != pack->object) pack->object = -1;
-        for (int j = 0; j < 3; j++)
-            for (int k = 0; k < 3; k++)
-                pack->corner[j][k][i] = triangle ? triangle->corner[j][k] : NAN;
+    memset(pack, 255, sizeof *pack); /* NaN and -1 */
+    pack->used = (1u << count) - 1;
+    for (int i = 0; i < count; i++) {
+        const itn__triangle *triangle = &triangles[numbers[i]];
+        pack->index[i] = triangle->index, pack->objects[i] = (uint8_t)triangle->object;
+        pack->object = !i || pack->object == triangle->object ? triangle->object : -1;
+        for (int k = 0; k < 9; k++)
+            pack->corner[k / 3][k % 3][i] = triangle->corner[k / 3][k % 3];
     }
 }
 
 /* The corners of a pack as a ray sees them: sheared x and y, and their t. */
 typedef float itn__seen[3][3][ITN__PACK];
-
-/* Those of the places `from` ... `from + ITN__LANES - 1` that the ray may hit before it has come to
-   t, as bits; `seen` receives them. front, back: those of which such faces count. */
-ITN__INLINE unsigned itn__pack_view(const itn__pack *pack, int from, const itn__shear *s,
-                                    float tmin, float t, unsigned front, unsigned back,
-                                    itn__seen seen) {
-    itn__floats p[3][3];
-    unsigned bits;
-    int k;
-    ITN__UNROLL
-    for (k = 0; k < 3; k++) {
-        itn__floats z = itn__load(pack->corner[k][s->kz] + from) - s->origin[s->kz];
-        itn__floats x = itn__load(pack->corner[k][s->kx] + from) - s->origin[s->kx];
-        itn__floats y = itn__load(pack->corner[k][s->ky] + from) - s->origin[s->ky];
-        p[k][0] = x - s->sx * z, p[k][1] = y - s->sy * z, p[k][2] = z * s->sz;
-    }
-    ITN__UNROLL
-    for (k = 0; k < 3; k++) {
-        int l = (k + 1) % 3, m = (k + 2) % 3;
-        itn__floats plus = p[m][0] * p[l][1], minus = p[m][1] * p[l][0];
-        front &= ~itn__less_bits(plus, minus), back &= ~itn__less_bits(minus, plus);
-    }
-    bits = (front | back) & ITN__ALL_LANES;
-    bits &= ~itn__less_bits(itn__splat(t), itn__least(p[0][2], itn__least(p[1][2], p[2][2])));
-    bits &= ~itn__less_bits(itn__most(p[0][2], itn__most(p[1][2], p[2][2])), itn__splat(tmin));
-    ITN__UNROLL
-    for (k = 0; k < 9; k++)
-        if (bits) itn__store(seen[k / 3][k % 3] + from, p[k / 3][k % 3]);
-    return bits;
-}
 
 /* The triangle of a place. */
 static itn__triangle itn__pack_triangle(const itn__pack *pack, int place) {
@@ -1706,21 +1671,44 @@ ITN__NOINLINE int itn__place_hit(const itn__pack *pack, int place, itn__seen see
 /* Tests all triangles of a pack; *best is the nearest hit so far, or, with best->triangle < 0,
    none, and best->t the end of the ray. Of hits at equal t the one of the smaller index counts.
    Returns whether *best has changed. */
-ITN__INLINE int itn__pack_hit(const itn__pack *pack, const itn__shear *shear, float tmin,
+ITN__INLINE int itn__pack_hit(const itn__pack *pack, const itn__shear *s, float tmin,
                               const itn__sides *sides, itn_hit *best) {
     itn__seen seen;
-    unsigned front = pack->used, back = pack->used, bits = 0;
-    int found = 0;
+    unsigned fronts = pack->used, backs = pack->used, met = 0; /* places, as bits */
+    int found = 0, k;
     if (sides && pack->object >= 0) {
-        if (!(sides->front >> pack->object & 1)) front = 0;
-        if (!(sides->back >> pack->object & 1)) back = 0;
-        if (!(front | back)) return 0;
+        if (!(sides->front >> pack->object & 1)) fronts = 0;
+        if (!(sides->back >> pack->object & 1)) backs = 0;
+        if (!(fronts | backs)) return 0;
     }
-    for (int from = 0; from < ITN__PACK; from += ITN__LANES)
-        bits |= itn__pack_view(pack, from, shear, tmin, best->t, front >> from, back >> from, seen)
-                << from;
-    for (; bits; bits &= bits - 1)
-        found |= itn__place_hit(pack, itn__lowest_bit(bits), seen, shear, tmin, sides, best);
+    for (int from = 0; from < ITN__PACK; from += ITN__LANES) {
+        unsigned front = fronts >> from, back = backs >> from;
+        itn__floats p[3][3];
+        ITN__UNROLL
+        for (k = 0; k < 3; k++) {
+            itn__floats z = itn__load(pack->corner[k][s->kz] + from) - s->origin[s->kz];
+            itn__floats x = itn__load(pack->corner[k][s->kx] + from) - s->origin[s->kx];
+            itn__floats y = itn__load(pack->corner[k][s->ky] + from) - s->origin[s->ky];
+            p[k][0] = x - s->sx * z, p[k][1] = y - s->sy * z, p[k][2] = z * s->sz;
+        }
+        ITN__UNROLL
+        for (k = 0; k < 3; k++) {
+            int l = (k + 1) % 3, m = (k + 2) % 3;
+            itn__floats plus = p[m][0] * p[l][1], minus = p[m][1] * p[l][0];
+            front &= ~itn__less_bits(plus, minus), back &= ~itn__less_bits(minus, plus);
+        }
+        itn__floats first = itn__least(p[0][2], itn__least(p[1][2], p[2][2]));
+        itn__floats last = itn__most(p[0][2], itn__most(p[1][2], p[2][2]));
+        unsigned bits = (front | back) & ITN__ALL_LANES;
+        bits &= ~itn__less_bits(itn__splat(best->t), first);
+        bits &= ~itn__less_bits(last, itn__splat(tmin));
+        ITN__UNROLL
+        for (k = 0; k < 9; k++)
+            if (bits) itn__store(seen[k / 3][k % 3] + from, p[k / 3][k % 3]);
+        met |= bits << from;
+    }
+    for (; met; met &= met - 1)
+        found |= itn__place_hit(pack, itn__lowest_bit(met), seen, s, tmin, sides, best);
     return found;
 }
 
@@ -2033,9 +2021,8 @@ typedef struct itn__slabs {
 static void itn__slabs_make(itn__slabs *s, const itn_bvh *bvh, const itn_ray *ray) {
     const float origin[3] = {ray->origin.x, ray->origin.y, ray->origin.z};
     const float direction[3] = {ray->direction.x, ray->direction.y, ray->direction.z};
-    itn_vec3 above = itn__sub(bvh->upper, ray->origin), below = itn__sub(ray->origin, bvh->lower);
-    float size = itn__max(itn__max(itn__max(above.x, below.x), itn__max(above.y, below.y)),
-                          itn__max(above.z, below.z));
+    float size = itn__max(itn__max_abs(itn__sub(bvh->upper, ray->origin)),
+                          itn__max_abs(itn__sub(bvh->lower, ray->origin)));
     for (int k = 0; k < 3; k++) {
         float margin = 8 * FLT_EPSILON * size + FLT_EPSILON * fabsf(origin[k]) + FLT_MIN;
         s->inverse[k] = 1 / direction[k];
