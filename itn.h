@@ -2958,7 +2958,7 @@ enum { ITN__MAX_OBJECTS = 64, ITN__MAX_LIGHTS = 64, ITN__MAX_ITEMS = 4096 };
 
 typedef struct itn__object {
     int medium, surface; /* indices, -1: none */
-    int first_triangle;
+    int first_triangle, triangle_count;
     int closed;   /* has an inside: rays meet its faces from one side at a time */
     int solid;    /* closed, with a medium or a dielectric surface */
     int refracts; /* has a dielectric surface */
@@ -4752,11 +4752,11 @@ ITN_API ITN__COLD itn_result itn_mesh_check(const itn_mesh *mesh, const itn_cont
 
 /* ---- [maker] a desc, checked and made ready -------------------------------------------------- */
 
-/* A scene is made item by item: film, camera, media, surfaces, lights, and last the objects
-   ([objects]), which name the others. Each is checked by its fields before anything is taken from
-   it, and enters its numbers into the parameter table; an image is copied. The first error ends it
-   all, and what was made is freed. First the fields of the items that have no models. mu_a, mu_s
-   and mu_s' of a medium stand where albedo and sigma_t_rgb will (itn__end_medium). */
+/* A scene is made item by item: film, camera, then media, surfaces, objects ([objects]) and lights.
+   The fields of each are checked before anything is taken from it, and enter their numbers into the
+   parameter table; images are copied. The first error ends it all, and what was made is freed.
+   First the fields of the items that have no models. mu_a, mu_s and mu_s' of a medium stand where
+   albedo and sigma_t_rgb will (itn__end_medium). */
 typedef itn_sky itn_sky_desc;
 #define ITN__COEFFICIENTS(name, c) ITN__FIELD(name, sky, coefficients[c], "9f!", ITN__ANY, 0)
 #define ITN__MU(name, where) ITN__FIELD(name, medium, where, "13c", 0, 1e12f, 0)
@@ -4765,7 +4765,7 @@ static const itn__form itn__forms[] = { /* that of a kind without types at its n
      {ITN__FIELD("width", film, width, "1i", 1, 65536, 128),
       ITN__FIELD("height", film, height, "1i", 1, 65536, 128),
       ITN__FIELD("channels", film, channels, "1i", 1, 3, 1),
-      {"filter", "o", 0, 1, 0, offsetof(itn_film_desc, filter), 0, ITN_LOG, 0, "box gaussian"},
+      {"filter", "oi", 0, 1, 0, offsetof(itn_film_desc, filter), 0, ITN_LOG, 0, "box gaussian"},
       ITN__FIELD("deviation", film, deviation, "1f", .1f, 4, 0),
       ITN__SPECTRUM(film, exposure, "13s", ITN_LOG, 1e-12f, 1e12f, 1),
       ITN__VALUE_BESIDE(film, background, "13c?", ITN_LOG, has_background, 0, ITN__MAX_RADIANCE,
@@ -4800,9 +4800,9 @@ static const itn__form itn__forms[] = { /* that of a kind without types at its n
       ITN__FIELD("sun_radiance", sky, sun_radiance, "3f!", 0, ITN__MAX_RADIANCE, 0)}}};
 enum {
     ITN__OWN_FORMS = (int)(sizeof itn__forms / sizeof itn__forms[0]),
+    ITN__SKY_FORM = ITN__OWN_FORMS - 1, /* of a file that is no item */
     ITN__BSDFS = (int)(sizeof itn__bsdfs / sizeof itn__bsdfs[0]),
-    ITN__FORMS = ITN__OWN_FORMS + ITN__BSDFS +
-                 (int)(sizeof itn__light_models / sizeof itn__light_models[0])
+    ITN__LIGHTS = (int)(sizeof itn__light_models / sizeof itn__light_models[0])
 };
 static const itn__form *itn__form_at(int k) {
     if (k < ITN__OWN_FORMS) return &itn__forms[k];
@@ -4830,7 +4830,7 @@ static void itn__write_numbers(const itn__field *field, void *desc, float *n, in
     char *at = (char *)desc + (itn__has_form(field, 's') && count == 3 ? field->beside : field->at);
     int whole = (int)n[0];
     if (itn__has_form(field, 'c') && count == 1) n[1] = n[2] = n[0], count = 3;
-    if (strpbrk(field->form, "io")) memcpy(at, &whole, sizeof whole);
+    if (itn__has_form(field, 'i')) memcpy(at, &whole, sizeof whole);
     else if (strpbrk(field->form, "fcs")) memcpy(at, n, (size_t)count * sizeof *n);
 }
 
@@ -4838,20 +4838,19 @@ static void itn__write_numbers(const itn__field *field, void *desc, float *n, in
    has none. */
 static int itn__read_numbers(const itn__field *field, void *desc, int channels, float *n) {
     char *at = (char *)desc + field->at, *beside = (char *)desc + field->beside;
-    int integer = itn__has_form(field, 'i') || (itn__has_form(field, 'o') && field->at);
-    int optional = field->lower > 0, whole, count = 0;
+    int whole, given = field->lower <= 0, count = 0;
     if (itn__has_form(field, 's')) {
         memcpy(n, beside, 3 * sizeof *n);
         if (n[0] != 0 || n[1] != 0 || n[2] != 0) return 3;
     }
     if (itn__has_form(field, 'c')) count = channels;
     else if (itn__has_form(field, 'f')) count = *field->form - '0';
-    else if (itn__has_form(field, 's') || integer) count = 1;
+    else if (strpbrk(field->form, "si")) count = 1;
     memcpy(n, at, (size_t)count * sizeof *n);
-    if (integer) memcpy(&whole, at, sizeof whole), n[0] = (float)whole;
-    if (itn__has_form(field, '?')) memcpy(&whole, beside, sizeof whole), optional = !whole;
-    int empty = count > 0 && n[0] == 0 && (count == 1 || (n[1] == 0 && n[2] == 0));
-    if (!empty || !optional) return count;
+    if (itn__has_form(field, 'i')) memcpy(&whole, at, sizeof whole), n[0] = (float)whole;
+    if (itn__has_form(field, '?')) memcpy(&given, beside, sizeof given);
+    for (int k = 0; k < count; k++) given |= n[k] != 0;
+    if (given || !count) return count;
     n[0] = field->otherwise;
     itn__write_numbers(field, desc, n, 1);
     return n[0] != 0;
@@ -4864,6 +4863,7 @@ typedef struct itn__maker {
     char title[2 * ITN_NAME_SIZE]; /* of it, for messages */
     itn_result refusal;            /* of what is given: ARGUMENT, or of a file FORMAT */
     itn_result result;             /* of the making so far */
+    int triangle_count;            /* of the objects so far */
     itn_error *error;
 } itn__maker;
 
@@ -4884,15 +4884,14 @@ static itn_result itn__refuse(itn__maker *maker, itn_result code, const char *fo
 
 /* Memory, zeroed, that the scene keeps to its end; NULL if there is none. */
 #define ITN__KEEP(type, count) ((type *)itn__keep(maker, (size_t)(count), sizeof(type)))
-enum { ITN__HEAD = 64 }; /* bytes before it, which keep it aligned */
 static void *itn__keep(itn__maker *maker, size_t count, size_t size) {
+    const size_t head = 64; /* bytes before it, which keep it aligned */
     void **blocks = &maker->scene->blocks, *block = NULL;
     if (count <= SIZE_MAX / 4 / size)
-        block = itn__allocate(&maker->scene->context, 1, ITN__HEAD + count * size);
-    if (!block) itn__refuse(maker, ITN_ERROR_MEMORY, "out of memory");
-    if (!block) return NULL;
+        block = itn__allocate(&maker->scene->context, 1, head + count * size);
+    if (!block) return itn__refuse(maker, ITN_ERROR_MEMORY, "out of memory"), NULL;
     memcpy(block, blocks, sizeof block), *blocks = block;
-    return (char *)block + ITN__HEAD;
+    return (char *)block + head;
 }
 
 /* Adds parameter title.field (or title.field_r for channel 0 of 3...); returns its index. In names
@@ -4907,9 +4906,8 @@ static int itn__add_parameter(itn__maker *maker, const itn__field *field, int ch
     itn__print(p->name, sizeof p->name, "%s.%s%s", maker->title, field->name, suffix[channel + 1]);
     p->value = value, p->lower = field->lower, p->upper = field->upper;
     p->transform = field->transform, source->field = field, source->channel = channel;
-    for (int k = 0; p->name[k]; k++)
-        source->hash = itn__mix64(source->hash +
-                                  (unsigned char)(p->name[k] == '.' ? '_' : p->name[k]));
+    for (const char *c = p->name; *c; c++)
+        source->hash = itn__mix64(source->hash + (unsigned char)(*c == '.' ? '_' : *c));
     for (int k = 0; k < index; k++)
         if (scene->sources[k].hash == source->hash)
             ITN__REFUSE("%s and %s would have the same layer name: name the items apart",
@@ -4921,7 +4919,7 @@ static int itn__add_parameter(itn__maker *maker, const itn__field *field, int ch
    the scene's item receives their indices. item NULL: only checks. */
 static ITN__COLD itn_result itn__take_fields(itn__maker *maker, const itn__field *field, void *desc,
                                              void *item) {
-    for (; field->name; field++) {
+    for (; field->name && !maker->result; field++) {
         float n[ITN__MOST_NUMBERS];
         int channels = maker->scene->film.channels; /* which are the film's fields, too */
         int count = itn__read_numbers(field, desc, channels, n), index[3] = {-1, -1, -1};
@@ -4929,17 +4927,16 @@ static ITN__COLD itn_result itn__take_fields(itn__maker *maker, const itn__field
         char words[100];
         if (spectrum && count > channels)
             return ITN__REFUSE("%s_rgb needs a film with 3 channels", field->name);
-        for (int c = 0; c < count; c++) {
+        for (int c = 0; c < count && !maker->result; c++) {
             if (!itn__field_allows(field, n[c], words))
                 return ITN__REFUSE("%s %s", field->name, words);
             if (enters) index[c] = itn__add_parameter(maker, field, count == 3 ? c : -1, n[c]);
-            if (maker->result) return maker->result;
         }
         if (count == 1) index[1] = index[2] = index[0];
         if (enters)
             memcpy((char *)item + field->parameter, index, (spectrum ? 3 : 1) * sizeof index[0]);
     }
-    return ITN_OK;
+    return maker->result;
 }
 
 /* Goes to an item (kind -1: to none) and gives it a title. */
@@ -4987,10 +4984,9 @@ static itn_result itn__make_camera(itn__maker *maker) {
     const itn_film_desc *film = &maker->scene->film;
     itn_camera_desc in = maker->desc->camera;
     itn__camera *camera = &maker->scene->camera;
-    itn_vec3 forward = itn__direction(itn__sub(in.target, in.eye));
     itn__go_to(maker, ITN__CAMERA, 0);
     if (itn__take_fields(maker, itn__forms[ITN__CAMERA].fields, &in, NULL)) return maker->result;
-    itn_vec3 up = itn__direction(in.up);
+    itn_vec3 forward = itn__direction(itn__sub(in.target, in.eye)), up = itn__direction(in.up);
     if (up.x == 0 && up.y == 0 && up.z == 0) up.y = 1;
     itn_vec3 right = itn__cross(forward, up);
     if (!itn__finite3(forward) || !(itn__length(forward) > 0))
@@ -5020,7 +5016,6 @@ static itn_result itn__make_medium(itn__maker *maker, int index) {
 static itn_result itn__copy_texels(itn__maker *maker, const itn_image *image, float largest,
                                    int *width, int *height, float **texels) {
     const float *planes[3];
-    int count;
     if (!image || !image->pixels || !image->names || image->plane_count < 1 || image->width < 1 ||
         image->height < 2)
         return ITN__REFUSE("needs an image of at least 1 x 2 pixels");
@@ -5031,11 +5026,9 @@ static itn_result itn__copy_texels(itn__maker *maker, const itn_image *image, fl
         return ITN__REFUSE("the image has neither Y nor R, G, B among its %d planes '%s', '%s'%s",
                            image->plane_count, image->names[0], image->names[1],
                            image->plane_count > 2 ? " ..." : "");
-    *width = image->width, *height = image->height, count = image->width * image->height;
-    *texels = ITN__KEEP(float, 3 * (size_t)count);
-    if (!*texels) return maker->result;
-    for (int i = 0; i < count; i++) {
-        float *texel = *texels + 3 * (size_t)i;
+    *width = image->width, *height = image->height;
+    float *texel = *texels = ITN__KEEP(float, 3 * (size_t)(*width * *height));
+    for (int i = 0; i < *width * *height && !maker->result; i++, texel += 3) {
         for (int k = 0; k < 3; k++) {
             texel[k] = planes[k][i];
             if (!(texel[k] >= 0 && texel[k] <= largest))
@@ -5045,7 +5038,7 @@ static itn_result itn__copy_texels(itn__maker *maker, const itn_image *image, fl
         if (maker->scene->film.channels == 1)
             texel[0] = texel[1] = texel[2] = itn__luminance(texel);
     }
-    return ITN_OK;
+    return maker->result;
 }
 
 static itn_result itn__make_surface(itn__maker *maker, int index) {
@@ -5061,7 +5054,7 @@ static itn_result itn__make_surface(itn__maker *maker, int index) {
     if ((unsigned)surface->texture > (unsigned)ITN_TEXTURE_IMAGE)
         return ITN__REFUSE("unknown texture");
     itn__take_fields(maker, itn__bsdfs[in.type].form.fields, &in, surface);
-    if (surface->texture == ITN_TEXTURE_CHECKER && !maker->result)
+    if (surface->texture == ITN_TEXTURE_CHECKER)
         itn__take_fields(maker, itn__checker_fields, &in, surface);
     if (surface->texture == ITN_TEXTURE_IMAGE && !maker->result)
         itn__copy_texels(maker, in.image, 1, &surface->width, &surface->height, &surface->texels);
@@ -5076,10 +5069,10 @@ ITN__INLINE double itn__strength(double radiance, itn_vec3 d) {
     return radiance * (.5 + fabs((double)d.y));
 }
 
-/* Fills the density of a light's grid with its luminance at the nodes times sine (not normalised
-   yet); power, strength and breadth are sums over them. Returns whether it is small enough (that of
-   a sky with odd coefficients is not). */
-static int itn__fill_grid(itn__light *light) {
+/* Fills the density of a light's grid with its luminance at the nodes times sine; power, strength
+   and breadth are sums over them. Returns the mean, or infinity if a radiance is too large (that of
+   a sky with odd coefficients is). */
+static double itn__fill_grid(itn__light *light) {
     itn__grid *grid = &light->grid;
     size_t width = (size_t)grid->width, nodes = width * (size_t)grid->height;
     double size = 2 * (double)(ITN__PI * ITN__PI) * grid->bottom / ((double)nodes - (double)width);
@@ -5093,51 +5086,40 @@ static int itn__fill_grid(itn__light *light) {
         if (light->map) memcpy(rgb, light->map + 3 * i, sizeof rgb);
         else d.y = itn__max(d.y, 0), itn__light_radiance(light, 3, d, rgb);
         double luminance = itn__luminance(rgb);
-        if (!(luminance <= ITN__MAX_RADIANCE)) return 0;
+        if (!(luminance <= ITN__MAX_RADIANCE)) return INFINITY;
         grid->density[i] = (float)(luminance * sine);
         light->strength += itn__strength(luminance * sine * size, d);
         sum += luminance * sine, square += luminance * luminance * sine, area += sine;
     }
     light->breadth = sum > 0 ? sum * sum / (square * area) * grid->bottom : 0;
     light->power = (float)(sum * size);
-    return 1;
+    return sum / (double)nodes;
 }
 
-/* Makes the tables by which nodes are drawn; the first and the last row have half a tent. */
-static void itn__grid_prepare(itn__grid *grid) {
-    int width = grid->width, height = grid->height;
-    double total = 0;
-    for (int r = 0; r < height; r++) {
-        size_t first = (size_t)r * (size_t)width;
-        double row = 0;
-        for (int c = 0; c < width; c++) {
-            row += grid->density[first + (size_t)c];
-            grid->nodes[first + (size_t)c] = (float)row;
-        }
-        total += r == 0 || r == height - 1 ? row / 2 : row;
-        grid->rows[r] = (float)total;
-    }
-    total *= grid->bottom / ((double)width * (height - 1));
-    for (size_t i = 0; i < (size_t)width * (size_t)height; i++)
-        grid->density[i] = (float)(grid->density[i] / total);
-}
-
-/* Builds the grid of a map or sky from its own radiance at the nodes. A floor of a thousandth of
-   the mean keeps every part of a sky, clamped or not, within reach. */
+/* Makes the density of a map or sky, and the tables by which nodes are drawn: the first and the
+   last row have half a tent. A thousandth of the mean at least keeps every part of a sky, clamped
+   or not, within reach. A black map is never sampled. */
 static itn_result itn__make_grid(itn__maker *maker, itn__light *light, float bottom) {
     itn__grid *grid = &light->grid;
-    size_t nodes = (size_t)light->width * (size_t)light->height;
-    double mean = 0;
+    size_t width = (size_t)light->width, height = (size_t)light->height, nodes = width * height;
     grid->width = light->width, grid->height = light->height, grid->bottom = bottom;
-    grid->density = ITN__KEEP(float, 2 * nodes + (size_t)grid->height);
+    grid->density = ITN__KEEP(float, 2 * nodes + height);
     if (!grid->density) return maker->result;
     grid->nodes = grid->density + nodes, grid->rows = grid->nodes + nodes;
-    if (!itn__fill_grid(light))
+    double mean = itn__fill_grid(light), total = 0, row = 0;
+    float least = light->kind == ITN__LIGHT_SKY ? (float)(1e-3 * mean) : 0;
+    if (mean == (double)INFINITY)
         return ITN__REFUSE("radiance beyond %g", (double)ITN__MAX_RADIANCE);
-    for (size_t i = 0; i < nodes; i++) mean += grid->density[i] / (double)nodes;
-    for (size_t i = 0; i < nodes && light->kind == ITN__LIGHT_SKY; i++)
-        grid->density[i] = itn__max(grid->density[i], (float)(1e-3 * mean));
-    if (mean > 0) itn__grid_prepare(grid); /* else it is black: never sampled */
+    for (size_t i = 0; i < nodes; i++) {
+        grid->density[i] = itn__max(grid->density[i], least);
+        row = (i % width ? row : 0) + grid->density[i], grid->nodes[i] = (float)row;
+        if ((i + 1) % width) continue;
+        total += i < width || i >= nodes - width ? row / 2 : row;
+        grid->rows[i / width] = (float)total;
+    }
+    total *= bottom / ((double)width * ((double)height - 1));
+    for (size_t i = 0; i < nodes && total > 0; i++)
+        grid->density[i] = (float)(grid->density[i] / total);
     return ITN_OK;
 }
 
@@ -5152,7 +5134,7 @@ static void itn__copy_radiance(const itn_scene *scene, const float in[3], int ch
 static itn_result itn__make_sky(itn__maker *maker, itn_light_desc *in, itn__light *sky,
                                 itn__light *disc) {
     float half = ITN__SUN_RADIUS * (ITN__PI / 180), natural = 2 * itn__square(sinf(half / 2));
-    if (itn__take_fields(maker, itn__forms[ITN__OWN_FORMS - 1].fields, &in->sky, NULL))
+    if (itn__take_fields(maker, itn__forms[ITN__SKY_FORM].fields, &in->sky, NULL))
         return maker->result;
     for (int c = 0; c < 3; c++)
         if (!(fabsf(in->sky.coefficients[c][8]) < 1))
@@ -5203,22 +5185,19 @@ static itn_result itn__make_light(itn__maker *maker, int index) {
    p_i + b_i in proportion to s_i; where that makes p_i negative it is 0. A twentieth is shared out
    in equal parts, so that a light whose scale is raised from 0 is still found. */
 static void itn__share_lights(itn_scene *scene) {
-    double strengths = 0, breadths = 0, sum = 0;
-    int sampled = 0;
-    for (int i = 0; i < scene->light_count; i++) {
-        itn__light *light = &scene->lights[i];
+    itn__light *end = scene->lights + scene->light_count;
+    double strengths = 0, breadths = 0, sum = 0, sampled = 0;
+    for (itn__light *light = scene->lights; light < end; light++) {
         light->strength *= light->share > 0 ? light->share : 1e-30; /* by its scale */
         strengths += light->strength, sampled += light->strength > 0;
-        breadths += light->strength > 0 ? light->breadth : 0;
+        if (light->strength > 0) breadths += light->breadth;
     }
-    for (int i = 0; i < scene->light_count; i++) {
-        itn__light *light = &scene->lights[i];
+    for (itn__light *light = scene->lights; light < end; light++) {
         double part = (1 + breadths) * (light->strength / strengths) - light->breadth;
-        light->share = light->strength > 0 && part > 0 ? (float)part : 0, sum += light->share;
+        light->share = part > 0 ? (float)part : 0, sum += light->share;
     }
-    for (int i = 0; i < scene->light_count; i++)
-        if (scene->lights[i].strength > 0)
-            scene->lights[i].share = (float)(.95 * scene->lights[i].share / sum + .05 / sampled);
+    for (itn__light *light = scene->lights; light < end; light++)
+        if (light->strength > 0) light->share = (float)(.95 * light->share / sum + .05 / sampled);
 }
 
 /* Parameters. A coordinate has no bounds, and steps in it are of a size that fits: the logarithm of
@@ -5246,30 +5225,25 @@ ITN__INLINE double itn__least_sought(const itn_parameter *p) {
     return p->lower == 1 ? 1.001 : (double)p->lower;
 }
 
-/* A value that has a logarithm: the lower bound at least, or e^-80 of the upper one if it is 0. */
-static double itn__above_zero(const itn_parameter *p, double value) {
-    return fmax(value, p->lower > 0 ? (double)p->lower : p->upper * exp(-80.0));
+ITN_API double itn_parameter_slope(const itn_parameter *p, double value) {
+    double lower = p->lower, range = (double)p->upper - lower;
+    if (p->transform == ITN_LOG) /* the value itself, or the least that has a logarithm */
+        return fmax(value, lower > 0 ? lower : p->upper * exp(-80.0));
+    double share = fmin(fmax((value - lower) / range, 1e-7), 1 - 1e-7); /* about that of +-16 */
+    return share * (1 - share) * range;
 }
 
 ITN_API double itn_parameter_to_coordinate(const itn_parameter *p, double value) {
-    double lower = p->lower, upper = p->upper;
-    if (p->transform == ITN_LOG) return log(itn__above_zero(p, value));
-    value = fmin(fmax(value, lower), upper);
-    return fmin(fmax(log((value - lower) / (upper - value)), -16), 16);
+    if (p->transform == ITN_LOG) return log(itn_parameter_slope(p, value));
+    value = fmin(fmax(value, p->lower), p->upper);
+    return fmin(fmax(log((value - p->lower) / (p->upper - value)), -16), 16);
 }
 
 ITN_API double itn_parameter_from_coordinate(const itn_parameter *p, double coordinate) {
-    double lower = p->lower, upper = p->upper;
+    double lower = p->lower, range = p->upper - lower;
     double value = p->transform == ITN_LOG ? exp(coordinate)
-                                           : lower + (upper - lower) / (1 + exp(-coordinate));
-    return value < lower ? lower : value > upper ? upper : value;
-}
-
-ITN_API double itn_parameter_slope(const itn_parameter *p, double value) {
-    double lower = p->lower, range = (double)p->upper - lower;
-    if (p->transform == ITN_LOG) return itn__above_zero(p, value);
-    double share = fmin(fmax((value - lower) / range, 1e-7), 1 - 1e-7); /* about that of +-16 */
-    return share * (1 - share) * range;
+                                           : lower + range / (1 + exp(-coordinate));
+    return value < lower ? lower : value > p->upper ? p->upper : value;
 }
 
 /* ---- [objects] meshes, transformed and merged into one tree ---------------------------------- */
@@ -5312,7 +5286,7 @@ static void itn__place_vertex(const itn_mesh *mesh, const double m[12], int i, d
 static itn_result itn__name_object(itn__maker *maker, const itn_object_desc *in,
                                    const itn_mesh *mesh, const double m[12], itn__object *object) {
     const itn_scene *scene = maker->scene;
-    double size = itn__determinant(m) + 0 * (m[3] + m[7] + m[11]);
+    double size = fabs(itn__determinant(m)) + 0 * (m[3] + m[7] + m[11]);
     object->medium = itn__find_name(in->medium, scene->media, sizeof *scene->media,
                                     scene->medium_count);
     object->surface = itn__find_name(in->surface, scene->surfaces, sizeof *scene->surfaces,
@@ -5326,12 +5300,13 @@ static itn_result itn__name_object(itn__maker *maker, const itn_object_desc *in,
     if (!in->medium && !in->surface) return ITN__REFUSE("it has neither medium nor surface");
     if (!in->mesh && (!(in->half_size > 0) || in->medium))
         return ITN__REFUSE("a plane needs a positive half size, and no medium");
+    if (!in->mesh && object->refracts)
+        return ITN__REFUSE_MESH("a plane has no inside for a dielectric");
     if (mesh->vertex_count < 1 || mesh->triangle_count < 1 || !mesh->positions || !mesh->triangles)
         return ITN__REFUSE("the mesh is empty");
-    if (!(fabs(size) > 0 && fabs(size) <= DBL_MAX))
+    if (!(size > 0 && size <= DBL_MAX))
         return ITN__REFUSE("the transform is not finite, or flattens space");
-    return in->mesh || !object->refracts
-               ? ITN_OK : ITN__REFUSE_MESH("a plane has no inside for a dielectric");
+    return ITN_OK;
 }
 
 /* Says what keeps a mesh from being a solid. */
@@ -5357,7 +5332,7 @@ static itn_result itn__not_a_solid(itn__maker *maker, const itn_mesh *mesh,
 static itn_result itn__make_object(itn__maker *maker, int index) {
     const itn_object_desc *in = &maker->desc->objects[index];
     itn__object *object = &maker->scene->objects[index];
-    itn_mesh_report report = ITN_ZERO;
+    itn_mesh_report report;
     double m[12], p[3];
     const itn_mesh *mesh = itn__object_mesh(in, m);
     itn__go_to(maker, ITN__OBJECT, index);
@@ -5377,6 +5352,10 @@ static itn_result itn__make_object(itn__maker *maker, int index) {
     object->closed |= object->solid;
     object->mirrored = (itn__determinant(m) < 0) != (object->solid && report.volume < 0);
     object->volume = fabs(report.volume * itn__determinant(m));
+    object->first_triangle = maker->triangle_count, object->triangle_count = mesh->triangle_count;
+    if (mesh->triangle_count > INT_MAX / 9 - maker->triangle_count)
+        return ITN__REFUSE("too many triangles in the scene");
+    maker->triangle_count += mesh->triangle_count;
     for (int k = 0; k < 3; k++) object->lower[k] = DBL_MAX, object->upper[k] = -DBL_MAX;
     for (int i = 0; i < 3 * mesh->triangle_count; i++) { /* vertices that are in use */
         itn__place_vertex(mesh, m, mesh->triangles[i], p);
@@ -5394,23 +5373,21 @@ static itn_result itn__make_object(itn__maker *maker, int index) {
    pass. */
 static itn_result itn__make_origin(itn__maker *maker) {
     itn_scene *scene = maker->scene;
+    const itn__object *end = scene->objects + scene->object_count, *o;
     const itn_vec3 *eye = &maker->desc->camera.eye;
-    double lower[3] = {DBL_MAX, DBL_MAX, DBL_MAX}, upper[3] = {-DBL_MAX, -DBL_MAX, -DBL_MAX};
     double *origin = scene->origin, half[3], reach = 0;
     int solids = 0;
-    for (int i = 0; i < scene->object_count; i++) solids |= scene->objects[i].solid;
-    for (int i = 0; i < scene->object_count; i++)
-        for (int k = 0; k < 3 && (scene->objects[i].solid || !solids); k++) {
-            lower[k] = fmin(lower[k], scene->objects[i].lower[k]);
-            upper[k] = fmax(upper[k], scene->objects[i].upper[k]);
-        }
+    for (o = scene->objects; o < end; o++) solids |= o->solid;
     for (int k = 0; k < 3; k++) {
-        origin[k] = .5 * (lower[k] + upper[k]), half[k] = .5 * (upper[k] - lower[k]);
-        for (int i = 0; i < scene->object_count; i++)
-            reach = fmax(reach, fmax(origin[k] - scene->objects[i].lower[k],
-                                     scene->objects[i].upper[k] - origin[k]));
+        double lower = DBL_MAX, upper = -DBL_MAX;
+        for (o = scene->objects; o < end; o++)
+            if (o->solid || !solids)
+                lower = fmin(lower, o->lower[k]), upper = fmax(upper, o->upper[k]);
+        origin[k] = .5 * (lower + upper), half[k] = .5 * (upper - lower);
+        for (o = scene->objects; o < end; o++)
+            reach = fmax(reach, fmax(origin[k] - o->lower[k], o->upper[k] - origin[k]));
     }
-    scene->radius = (float)sqrt(half[0] * half[0] + half[1] * half[1] + half[2] * half[2]);
+    scene->radius = (float)itn__size_of(half);
     for (int k = 0; k < 3; k++) half[k] += 8 * FLT_EPSILON * (double)scene->radius;
     scene->upper = itn__vec3((float)half[0], (float)half[1], (float)half[2]);
     scene->lower = itn__scale(scene->upper, -1);
@@ -5434,21 +5411,21 @@ static itn_result itn__merge_object(itn__maker *maker, int index) {
     double m[12], p[3];
     const itn_mesh *mesh = itn__object_mesh(&maker->desc->objects[index], m);
     itn__triangle *triangle = scene->bvh->triangles + object->first_triangle;
-    int textured = mesh->uvs && object->surface >= 0 &&
-                   scene->surfaces[object->surface].texture != ITN_TEXTURE_NONE;
     itn__go_to(maker, ITN__OBJECT, index);
-    if (textured) object->uvs = ITN__KEEP(float, 6 * (size_t)mesh->triangle_count);
-    if (maker->result) return maker->result;
+    if (mesh->uvs && object->surface >= 0 && scene->surfaces[object->surface].texture) {
+        object->uvs = ITN__KEEP(float, 6 * (size_t)mesh->triangle_count);
+        if (!object->uvs) return maker->result;
+    }
     for (int i = 0; i < 3 * mesh->triangle_count; i++) {
         int from = object->mirrored && i % 3 ? i / 3 * 3 + 3 - i % 3 : i;
         itn__place_vertex(mesh, m, mesh->triangles[from], p);
         for (int k = 0; k < 3; k++) triangle->corner[i % 3][k] = (float)(p[k] - scene->origin[k]);
-        for (int k = 0; k < 2 && textured; k++) {
-            float *uv = &object->uvs[2 * (size_t)i + (size_t)k];
-            *uv = mesh->uvs[2 * (size_t)from + (size_t)k];
-            if (!(fabsf(*uv) <= 1e6f)) /* larger ones have no digits left */
+        for (int k = 0; k < 2 && object->uvs; k++) {
+            float uv = mesh->uvs[2 * (size_t)from + (size_t)k];
+            if (!(fabsf(uv) <= 1e6f)) /* larger ones have no digits left */
                 return ITN__REFUSE_MESH("texture coordinate %g of triangle %d is not in [-1e6, "
-                                        "1e6]", (double)*uv, i / 3);
+                                        "1e6]", (double)uv, i / 3);
+            object->uvs[2 * (size_t)i + (size_t)k] = uv;
         }
         if (i % 3 < 2) continue;
         triangle->object = index;
@@ -5457,33 +5434,13 @@ static itn_result itn__merge_object(itn__maker *maker, int index) {
     return ITN_OK;
 }
 
-/* Merges all objects, and builds the tree. */
-static itn_result itn__make_tree(itn__maker *maker) {
-    itn_scene *scene = maker->scene;
-    double m[12];
-    int count = 0;
-    itn__go_to(maker, -1, 0);
-    for (int i = 0; i < scene->object_count; i++) {
-        const itn_mesh *mesh = itn__object_mesh(&maker->desc->objects[i], m);
-        if (mesh->triangle_count > INT_MAX / 9 - count) return ITN__REFUSE("too many triangles");
-        scene->objects[i].first_triangle = count, count += mesh->triangle_count;
-    }
-    scene->bvh = itn__bvh_new(&scene->context, count);
-    if (!scene->bvh) return itn__refuse(maker, ITN_ERROR_MEMORY, "out of memory");
-    for (int i = 0; i < scene->object_count && !maker->result; i++) itn__merge_object(maker, i);
-    if (!maker->result) maker->result = itn__bvh_build(scene->bvh, maker->error);
-    return maker->result;
-}
-
 /* Whether the camera is inside an object: then the solid angles of its triangles, seen from there,
    add up to 4 pi, else to 0 (van Oosterom and Strackee 1983). */
-static int itn__camera_inside(const itn_scene *scene, int object) {
-    const itn_bvh *bvh = scene->bvh;
+static int itn__camera_inside(const itn_scene *scene, const itn__object *object) {
     double angle = 0;
-    for (int i = scene->objects[object].first_triangle;
-         i < bvh->triangle_count && bvh->triangles[i].object == object; i++) {
+    for (int i = 0; i < object->triangle_count; i++) {
         itn_vec3 p[3];
-        itn__bvh_corners(bvh, i, p);
+        itn__bvh_corners(scene->bvh, object->first_triangle + i, p);
         for (int k = 0; k < 3; k++) p[k] = itn__direction(itn__sub(p[k], scene->camera.eye));
         angle += 2 * atan2((double)itn__dot(p[0], itn__cross(p[1], p[2])),
                            1 + (double)(itn__dot(p[0], p[1]) + itn__dot(p[1], p[2]) +
@@ -5502,17 +5459,15 @@ static int itn__is_tangled(const itn_scene *scene, int object, itn_ray line) {
     const float gap = 64 * FLT_EPSILON * scene->radius;
     int inside = 0;
     for (int i = 0; i < ITN__TRIED_CROSSINGS; i++) {
-        float t[2] = {INFINITY, INFINITY}; /* where it next enters, and where it leaves */
-        for (int k = 0; k < 2; k++) {
-            itn__sides sides = ITN_ZERO;
-            itn_hit hit;
-            *(k ? &sides.back : &sides.front) = itn__object_bit(object);
-            if (itn__bvh_trace(scene->bvh, &line, &sides, 0, &hit)) t[k] = hit.t;
-        }
-        line.tmin = itn__min(t[0], t[1]);
+        itn__sides sides[2] = {{itn__object_bit(object), 0, 0, 0},
+                               {0, itn__object_bit(object), 0, 0}};
+        itn_hit enter, leave;
+        if (!itn__bvh_trace(scene->bvh, &line, &sides[0], 0, &enter)) enter.t = INFINITY;
+        if (!itn__bvh_trace(scene->bvh, &line, &sides[1], 0, &leave)) leave.t = INFINITY;
+        line.tmin = itn__min(enter.t, leave.t);
         if (line.tmin == INFINITY) return inside;
-        if (fabsf(t[0] - t[1]) <= gap) line.tmin = itn__max(t[0], t[1]);
-        else if ((t[0] < t[1]) == inside) return 1;
+        if (fabsf(enter.t - leave.t) <= gap) line.tmin = itn__max(enter.t, leave.t);
+        else if ((enter.t < leave.t) == inside) return 1;
         else inside = !inside;
     }
     return 0;
@@ -5540,30 +5495,25 @@ static itn_ray itn__draw_line(const itn_scene *scene, int triangle, const double
 /* Fails where more than one in 40 of ITN__TRIED_LINES, through points at equal steps of a solid's
    surface, is tangled, unless it was taken by force: then its medium ends as behind a hole. Fewer
    are where a scanned surface crosses itself a little, which hardly shows. */
-static itn_result itn__check_parts(itn__maker *maker) {
+static itn_result itn__check_parts(itn__maker *maker, int index) {
     itn_scene *scene = maker->scene;
-    int tangled, triangle = 0;
-    for (int i = 0; i < scene->object_count; i++) {
-        const itn__object *object = &scene->objects[i];
-        itn__rng rng = itn__rng_make(0, (uint64_t)i, 0);
-        double n[3], reached = 0;
-        for (int lines = tangled = 0; triangle < scene->bvh->triangle_count; triangle++) {
-            if (scene->bvh->triangles[triangle].object != i) break;
-            if (!object->solid) continue;
-            reached += .5 * itn__unit_normal(&scene->bvh->triangles[triangle], n);
-            for (; reached * (double)ITN__TRIED_LINES > (lines + .5) * object->area; lines++)
-                tangled += itn__is_tangled(scene, i, itn__draw_line(scene, triangle, n, &rng));
-        }
-        if (40 * tangled <= ITN__TRIED_LINES) continue;
-        scene->leaky = 1;
-        itn__go_to(maker, ITN__OBJECT, i);
-        if (!maker->desc->objects[i].force)
-            return ITN__REFUSE_MESH("parts of the mesh overlap, lie within each other or are "
-                                    "inside out: %d of %d lines through it enter or leave twice in "
-                                    "a row (make each part an object of its own; `force` takes it "
-                                    "as it is)", tangled, ITN__TRIED_LINES);
+    const itn__object *object = &scene->objects[index];
+    itn__rng rng = itn__rng_make(0, (uint64_t)index, 0);
+    double n[3], reached = 0;
+    int lines = 0, tangled = 0, end = object->first_triangle + object->triangle_count;
+    for (int i = object->first_triangle; i < end && object->solid; i++) {
+        reached += .5 * itn__unit_normal(&scene->bvh->triangles[i], n);
+        for (; reached * (double)ITN__TRIED_LINES > (lines + .5) * object->area; lines++)
+            tangled += itn__is_tangled(scene, index, itn__draw_line(scene, i, n, &rng));
     }
-    return ITN_OK;
+    if (40 * tangled <= ITN__TRIED_LINES) return ITN_OK;
+    scene->leaky = 1;
+    itn__go_to(maker, ITN__OBJECT, index);
+    if (maker->desc->objects[index].force) return ITN_OK;
+    return ITN__REFUSE_MESH("parts of the mesh overlap, lie within each other or are inside out: "
+                            "%d of %d lines through it enter or leave twice in a row (make each "
+                            "part an object of its own; `force` takes it as it is)", tangled,
+                            ITN__TRIED_LINES);
 }
 
 /* Notes on which sides of each object the camera is, and of each closed one which other dielectrics
@@ -5572,7 +5522,7 @@ static void itn__make_sides(itn_scene *scene) {
     double margin = 16 * (double)FLT_EPSILON * (double)scene->radius;
     for (int i = 0; i < scene->object_count; i++) {
         itn__object *a = &scene->objects[i];
-        int inside = a->closed && itn__camera_inside(scene, i);
+        int inside = a->closed && itn__camera_inside(scene, a);
         if (!inside) scene->sides.front |= itn__object_bit(i);
         if (inside || !a->closed) scene->sides.back |= itn__object_bit(i);
         for (int j = 0; j < scene->object_count; j++) {
@@ -5616,27 +5566,43 @@ static itn_result itn__make_arrays(itn__maker *maker) {
     return maker->result;
 }
 
+/* Makes all items; the film's parameters are the last. */
+static itn_result itn__make_items(itn__maker *maker) {
+    const itn_scene_desc *desc = maker->desc;
+    itn_scene *scene = maker->scene;
+    if (!itn__make_arrays(maker) && !itn__make_film(maker)) itn__make_camera(maker);
+    for (int i = 0; i < desc->medium_count && !maker->result; i++) itn__make_medium(maker, i);
+    for (int i = 0; i < desc->surface_count && !maker->result; i++) itn__make_surface(maker, i);
+    for (int i = 0; i < desc->light_count && !maker->result; i++) itn__make_light(maker, i);
+    for (int i = 0; i < desc->object_count && !maker->result; i++) itn__make_object(maker, i);
+    if (maker->result) return maker->result;
+    itn__go_to(maker, ITN__FILM, 0);
+    return itn__take_fields(maker, itn__forms[ITN__FILM].fields, &scene->film, &scene->camera);
+}
+
+/* Merges all objects, and builds the tree over their triangles. */
+static itn_result itn__make_tree(itn__maker *maker) {
+    itn_scene *scene = maker->scene;
+    itn__go_to(maker, -1, 0);
+    scene->bvh = itn__bvh_new(&scene->context, maker->triangle_count);
+    if (!scene->bvh) return itn__refuse(maker, ITN_ERROR_MEMORY, "out of memory");
+    for (int i = 0; i < scene->object_count && !maker->result; i++) itn__merge_object(maker, i);
+    if (!maker->result) maker->result = itn__bvh_build(scene->bvh, maker->error);
+    for (int i = 0; i < scene->object_count && !maker->result; i++) itn__check_parts(maker, i);
+    return maker->result;
+}
+
 /* Makes what the maker's desc says; where it fails, the maker stands at the item at fault. */
 static ITN__COLD itn_result itn__create_scene(itn__maker *maker, const itn_context *context,
                                               itn_scene **made) {
-    const itn_scene_desc *desc = maker->desc;
     itn_context own;
     itn__go_to(maker, -1, 0);
     if (itn__context_check(context, &own, maker->error)) return ITN_ERROR_ARGUMENT;
     itn_scene *scene = maker->scene = ITN__NEW(itn_scene, &own, 1);
     if (!scene) return itn__out_of_memory(maker->error, "a scene");
     scene->context = own;
-    if (!itn__make_arrays(maker) && !itn__make_film(maker)) itn__make_camera(maker);
-    for (int i = 0; i < desc->medium_count && !maker->result; i++) itn__make_medium(maker, i);
-    for (int i = 0; i < desc->surface_count && !maker->result; i++) itn__make_surface(maker, i);
-    for (int i = 0; i < desc->light_count && !maker->result; i++) itn__make_light(maker, i);
-    for (int i = 0; i < desc->object_count && !maker->result; i++) itn__make_object(maker, i);
-    if (!maker->result) itn__go_to(maker, ITN__FILM, 0); /* whose parameters are the last */
-    if (!maker->result && !itn__take_fields(maker, itn__forms[ITN__FILM].fields, &scene->film,
-                                            &scene->camera) &&
-        !itn__make_origin(maker) && !itn__make_tree(maker))
-        itn__check_parts(maker);
-    if (maker->result) return itn_scene_free(scene), maker->result;
+    if (itn__make_items(maker) || itn__make_origin(maker) || itn__make_tree(maker))
+        return itn_scene_free(scene), maker->result;
     itn__share_lights(scene);
     itn__make_sides(scene);
     *made = scene;
@@ -12111,7 +12077,7 @@ static itn_result itn__sky_from_memory(const itn_context *context, const itn_fil
     itn__reader *r = ITN__NEW(itn__reader, context, 1);
     if (!r) return itn__out_of_memory(error, "a sky");
     r->text = itn__text_make(file->bytes, file->size, file->name), r->text.error = error;
-    r->form = &itn__forms[ITN__OWN_FORMS - 1], r->item = (char *)sky;
+    r->form = &itn__forms[ITN__SKY_FORM], r->item = (char *)sky;
     for (; r->text.at < r->text.end; itn__next_line(&r->text)) itn__read_fields(r);
     itn__end_fields(r);
     itn_result result = r->text.result;
@@ -12183,7 +12149,7 @@ static const itn__form *itn__find_form(itn__reader *r) {
     if (kind == ITN__SURFACE) /* its type stands somewhere behind its name */
         do ahead.at += itn__word_length(&ahead);
         while (!itn__line_done(&ahead) && itn__accept(&ahead, "type") < 0);
-    for (k = 0; k < ITN__FORMS; k++) {
+    for (k = 0; k < ITN__OWN_FORMS + ITN__BSDFS + ITN__LIGHTS; k++) {
         const itn__form *form = itn__form_at(k);
         if (form->kind == ITN__KINDS || (kind < ITN__KINDS && form->kind != kind)) continue;
         if (kind < ITN__KINDS && (!form->variant || itn__accept(&ahead, form->variant) == 0))
