@@ -2144,17 +2144,13 @@ ITN__INLINE int itn__has_form(const itn__field *field, char letter) {
     return strchr(field->form, letter) != NULL;
 }
 
-enum { ITN__FILM, ITN__CAMERA, ITN__MEDIUM, ITN__SURFACE, ITN__OBJECT, ITN__LIGHT, ITN__KINDS };
-static const char *const itn__kinds[] = {"film",   "camera", "medium", "surface",
-                                         "object", "light",  "sky"}; /* which is no item */
-
-/* The fields of a kind of item, or of a variant: a surface's or a light's type, which its number
-   is, or a field that comes first. */
-typedef struct itn__form {
-    int kind, type;
-    const char *variant;
-    itn__field fields[ITN__MOST_FIELDS + 1]; /* the last has no name */
-} itn__form;
+enum { ITN__FILM, ITN__CAMERA, ITN__MEDIUM, ITN__OBJECT, ITN__SURFACE, ITN__LIGHT, ITN__KINDS };
+static const char *const itn__kinds[] = {"film",    "camera", "medium", "object",
+                                         "surface", "light",  "film camera medium object "
+                                                              "surface light"};
+/* Types that differ in fields: the words for them, in their order. */
+static const char *const itn__types[ITN__KINDS] = {
+    NULL, NULL, NULL, "mesh plane", "dielectric diffuse", "constant map sky"};
 
 /* Rows; `...` is lower, upper, otherwise. */
 #define ITN__FIELD(name, item, field, form, ...)                                                   \
@@ -2539,7 +2535,7 @@ enum {
         ITN__WORD("texture", surface, image, "p"),                                                 \
         ITN__FIELD("checker", surface, checker_size, "37k", 0, 1e12f, 0)
 typedef struct itn__bsdf {
-    itn__form form;
+    itn__field fields[ITN__MOST_FIELDS + 1]; /* the last has no name */
     unsigned flags;
     void (*eval)(const itn__site *site, const itn__vectors *o, itn__num f[3], itn__floats *pdf);
     itn__ints (*sample)(itn__site *site, const itn__floats u[3], itn__vectors *o);
@@ -2547,13 +2543,11 @@ typedef struct itn__bsdf {
                       itn__floats *pdf);
 } itn__bsdf;
 static const itn__bsdf itn__bsdfs[] = {
-    {{ITN__SURFACE, ITN_SURFACE_DIELECTRIC, "dielectric",
-      {ITN__MARK("type", "o!", "dielectric"),
-       ITN__VALUE(surface, ior, "1fN", ITN_LOGIT, 1, 4, 1.5f),
-       ITN__VALUE(surface, alpha, "1f", ITN_LOG, .001f, 1, 0)}},
+    {{ITN__MARK("type", "o!", "dielectric"),
+      ITN__VALUE(surface, ior, "1fN", ITN_LOGIT, 1, 4, 1.5f),
+      ITN__VALUE(surface, alpha, "1f", ITN_LOG, .001f, 1, 0)},
      ITN__FACETS, itn__dielectric_eval, itn__dielectric_sample, itn__dielectric_edge},
-    {{ITN__SURFACE, ITN_SURFACE_DIFFUSE, "diffuse",
-      {ITN__REFLECTANCE, ITN__MARK("type", "o!", "diffuse")}},
+    {{ITN__REFLECTANCE, ITN__MARK("type", "o!", "diffuse")},
      ITN__OPAQUE | ITN__TEXTURED, itn__diffuse_eval, itn__diffuse_sample, NULL}};
 
 /* A local factor of paths in each channel, and its slopes by those of its parameters that are asked
@@ -2892,7 +2886,7 @@ static itn__floats itn__sun_pdf(const itn__light *light, const itn__towards *to)
    known to all three where some light of the scene has a grid. The sun of a sky is a light of its
    own, the one after it. */
 typedef struct itn__light_model {
-    itn__form form;
+    itn__field fields[ITN__MOST_FIELDS + 1]; /* the last has no name */
     void (*radiance)(const itn__light *light, int channels, const itn__towards *to,
                      itn__floats rgb[3]);
     void (*sample)(const itn__light *light, itn__floats u, itn__floats v, itn__towards *to);
@@ -2903,23 +2897,20 @@ typedef struct itn__light_model {
      (light) * sizeof(itn__light) + offsetof(itn__light, parameter), ITN_LOG,                      \
      offsetof(itn_light_desc, has_scale), NULL}
 static const itn__light_model itn__light_models[] = {
-    {{ITN__LIGHT, ITN_LIGHT_CONSTANT, "constant",
-      {ITN__MARK("constant", "", NULL),
-       ITN__FIELD("radiance", light, radiance, "13c!", 0, ITN__MAX_RADIANCE, 0),
-       ITN__LIGHT_SCALE(scale, 0), ITN__WORD("name", light, name, "w")}},
+    {{ITN__MARK("constant", "", NULL),
+      ITN__FIELD("radiance", light, radiance, "13c!", 0, ITN__MAX_RADIANCE, 0),
+      ITN__LIGHT_SCALE(scale, 0), ITN__WORD("name", light, name, "w")},
      itn__constant_radiance, NULL, NULL},
-    {{ITN__LIGHT, ITN_LIGHT_MAP, "map",
-      {ITN__WORD("map", light, image, "p"), ITN__LIGHT_SCALE(scale, 0),
-       ITN__WORD("name", light, name, "w")}},
+    {{ITN__WORD("map", light, image, "p"), ITN__LIGHT_SCALE(scale, 0),
+      ITN__WORD("name", light, name, "w")},
      itn__map_radiance, itn__grid_sample, itn__grid_pdf},
-    {{ITN__LIGHT, ITN_LIGHT_SKY, "sky",
-      {ITN__WORD("sky", light, sky, "y"),
-       ITN__FIELD("sun", light, sun_direction, "3f!", ITN__ANY, 0), ITN__LIGHT_SCALE(scale, 0),
-       ITN__LIGHT_SCALE(sun_scale, 1),
-       ITN__FIELD("sun_radius_scale", light, sun_radius_scale, "1f", .01f, 320, 1),
-       ITN__WORD("name", light, name, "w")}},
+    {{ITN__WORD("sky", light, sky, "y"),
+      ITN__FIELD("sun", light, sun_direction, "3f!", ITN__ANY, 0), ITN__LIGHT_SCALE(scale, 0),
+      ITN__LIGHT_SCALE(sun_scale, 1),
+      ITN__FIELD("sun_radius_scale", light, sun_radius_scale, "1f", .01f, 320, 1),
+      ITN__WORD("name", light, name, "w")},
      itn__sky_radiance, itn__grid_sample, itn__grid_pdf},
-    {{ITN__KINDS, 0, NULL, {ITN__MARK(NULL, NULL, NULL)}},
+    {{ITN__MARK(NULL, NULL, NULL)},
      itn__sun_radiance, itn__sun_sample, itn__sun_pdf}};
 
 /* Radiance of a light, without its scale, in one direction. */
@@ -4760,61 +4751,50 @@ ITN_API ITN__COLD itn_result itn_mesh_check(const itn_mesh *mesh, const itn_cont
 typedef itn_sky itn_sky_desc;
 #define ITN__COEFFICIENTS(name, c) ITN__FIELD(name, sky, coefficients[c], "9f!", ITN__ANY, 0)
 #define ITN__MU(name, where) ITN__FIELD(name, medium, where, "13c", 0, 1e12f, 0)
-static const itn__form itn__forms[] = { /* that of a kind without types at its number */
-    {ITN__FILM, 0, NULL,
-     {ITN__FIELD("width", film, width, "1i", 1, 65536, 128),
-      ITN__FIELD("height", film, height, "1i", 1, 65536, 128),
-      ITN__FIELD("channels", film, channels, "1i", 1, 3, 1),
-      {"filter", "oi", 0, 1, 0, offsetof(itn_film_desc, filter), 0, ITN_LOG, 0, "box gaussian"},
-      ITN__FIELD("deviation", film, deviation, "1f", .1f, 4, 0),
-      ITN__SPECTRUM(film, exposure, "13s", ITN_LOG, 1e-12f, 1e12f, 1),
-      ITN__VALUE_BESIDE(film, background, "13c?", ITN_LOG, has_background, 0, ITN__MAX_RADIANCE,
-                        0)}},
-    {ITN__CAMERA, 0, NULL,
-     {ITN__FIELD("eye", camera, eye, "3f!", ITN__ANY, 0),
-      ITN__FIELD("target", camera, target, "3f!", ITN__ANY, 0),
-      ITN__FIELD("up", camera, up, "3f", ITN__ANY, 0),
-      ITN__FIELD("fov", camera, fov, "1f", 1e-6f, 179.999f, 30)}},
-    {ITN__MEDIUM, 0, NULL,
-     {ITN__SPECTRUM(medium, sigma_t, "13sR", ITN_LOG, 0, 1e12f, 0),
-      ITN__VALUE(medium, albedo, "13cS", ITN_LOGIT, 0, 1, 0),
-      ITN__SPECTRUM(medium, g, "13s", ITN_LOGIT, -.999f, .999f, 0),
-      ITN__MU("mu_a", albedo), ITN__MU("mu_s", sigma_t_rgb), ITN__MU("mu_s'", sigma_t_rgb),
-      ITN__MU("mu_s_prime", sigma_t_rgb), ITN__MARK("phase", "o", "hg")}},
-    {ITN__OBJECT, 0, "mesh",
-     {ITN__WORD("mesh", object, mesh, "m"),
-      ITN__WORD("medium", object, medium, "w"),
-      ITN__WORD("surface", object, surface, "w"),
-      ITN__FIELD("scale", object, transform, "13t", FLT_MIN, 1e12f, 0),
-      ITN__FIELD("rotate", object, transform, "4t", ITN__ANY, 0),
-      ITN__FIELD("translate", object, transform, "3t", ITN__ANY, 0),
-      ITN__WORD("force", object, force, "")}},
-    {ITN__OBJECT, 1, "plane",
-     {ITN__MARK("plane", "", NULL), ITN__WORD("surface", object, surface, "w!"),
-      ITN__FIELD("y", object, plane_y, "1f", ITN__ANY, 0),
-      ITN__FIELD("half", object, half_size, "1f", FLT_MIN, 1e12f, 20)}},
-    {ITN__KINDS, 0, NULL,
-     {ITN__COEFFICIENTS("coefficients_r", 0), ITN__COEFFICIENTS("coefficients_g", 1),
-      ITN__COEFFICIENTS("coefficients_b", 2),
-      ITN__FIELD("radiance", sky, radiance, "3f!", 0, ITN__MAX_RADIANCE, 0),
-      ITN__FIELD("sun_radiance", sky, sun_radiance, "3f!", 0, ITN__MAX_RADIANCE, 0)}}};
+static const itn__field itn__forms[][ITN__MOST_FIELDS + 1] = { /* by kind, or kind + type */
+    {ITN__FIELD("width", film, width, "1i", 1, 65536, 128),
+     ITN__FIELD("height", film, height, "1i", 1, 65536, 128),
+     ITN__FIELD("channels", film, channels, "1i", 1, 3, 1),
+     {"filter", "oi", 0, 1, 0, offsetof(itn_film_desc, filter), 0, ITN_LOG, 0, "box gaussian"},
+     ITN__FIELD("deviation", film, deviation, "1f", .1f, 4, 0),
+     ITN__SPECTRUM(film, exposure, "13s", ITN_LOG, 1e-12f, 1e12f, 1),
+     ITN__VALUE_BESIDE(film, background, "13c?", ITN_LOG, has_background, 0, ITN__MAX_RADIANCE,
+                       0)},
+    {ITN__FIELD("eye", camera, eye, "3f!", ITN__ANY, 0),
+     ITN__FIELD("target", camera, target, "3f!", ITN__ANY, 0),
+     ITN__FIELD("up", camera, up, "3f", ITN__ANY, 0),
+     ITN__FIELD("fov", camera, fov, "1f", 1e-6f, 179.999f, 30)},
+    {ITN__SPECTRUM(medium, sigma_t, "13sR", ITN_LOG, 0, 1e12f, 0),
+     ITN__VALUE(medium, albedo, "13cS", ITN_LOGIT, 0, 1, 0),
+     ITN__SPECTRUM(medium, g, "13s", ITN_LOGIT, -.999f, .999f, 0),
+     ITN__MU("mu_a", albedo), ITN__MU("mu_s", sigma_t_rgb), ITN__MU("mu_s'", sigma_t_rgb),
+     ITN__MU("mu_s_prime", sigma_t_rgb), ITN__MARK("phase", "o", "hg")},
+    {ITN__WORD("mesh", object, mesh, "m"),
+     ITN__WORD("medium", object, medium, "w"),
+     ITN__WORD("surface", object, surface, "w"),
+     ITN__FIELD("scale", object, transform, "13t", FLT_MIN, 1e12f, 0),
+     ITN__FIELD("rotate", object, transform, "4t", ITN__ANY, 0),
+     ITN__FIELD("translate", object, transform, "3t", ITN__ANY, 0),
+     ITN__WORD("force", object, force, "")},
+    {ITN__MARK("plane", "", NULL), ITN__WORD("surface", object, surface, "w!"),
+     ITN__FIELD("y", object, plane_y, "1f", ITN__ANY, 0),
+     ITN__FIELD("half", object, half_size, "1f", FLT_MIN, 1e12f, 20)},
+    {ITN__COEFFICIENTS("coefficients_r", 0), ITN__COEFFICIENTS("coefficients_g", 1),
+     ITN__COEFFICIENTS("coefficients_b", 2),
+     ITN__FIELD("radiance", sky, radiance, "3f!", 0, ITN__MAX_RADIANCE, 0),
+     ITN__FIELD("sun_radiance", sky, sun_radiance, "3f!", 0, ITN__MAX_RADIANCE, 0)},
+    {ITN__VALUE(surface, reflectance2, "cS", ITN_LOGIT, 0, 1, 0),
+     ITN__FIELD("checker_size", surface, checker_size, "1f", FLT_MIN, FLT_MAX, 1)}};
 enum {
-    ITN__OWN_FORMS = (int)(sizeof itn__forms / sizeof itn__forms[0]),
-    ITN__SKY_FORM = ITN__OWN_FORMS - 1, /* of a file that is no item */
-    ITN__BSDFS = (int)(sizeof itn__bsdfs / sizeof itn__bsdfs[0]),
-    ITN__LIGHTS = (int)(sizeof itn__light_models / sizeof itn__light_models[0])
+    ITN__SKY_FORM = ITN__OBJECT + 2, /* of a file that is no item */
+    ITN__CHECKER_FORM,               /* what a checker has more, in a desc */
+    ITN__BSDFS = (int)(sizeof itn__bsdfs / sizeof itn__bsdfs[0])
 };
-static const itn__form *itn__form_at(int k) {
-    if (k < ITN__OWN_FORMS) return &itn__forms[k];
-    k -= ITN__OWN_FORMS;
-    return k < ITN__BSDFS ? &itn__bsdfs[k].form : &itn__light_models[k - ITN__BSDFS].form;
-}
 
-/* What a checker has more, in a desc. */
-static const itn__field itn__checker_fields[] = {
-    ITN__VALUE(surface, reflectance2, "cS", ITN_LOGIT, 0, 1, 0),
-    ITN__FIELD("checker_size", surface, checker_size, "1f", FLT_MIN, FLT_MAX, 1),
-    ITN__MARK(NULL, NULL, NULL)};
+static const itn__field *itn__fields_of(int kind, int type) {
+    if (kind == ITN__SURFACE) return itn__bsdfs[type].fields;
+    return kind == ITN__LIGHT ? itn__light_models[type].fields : itn__forms[kind + type];
+}
 
 /* Whether a number may stand in a field; if not, `words` say why. */
 static int itn__field_allows(const itn__field *field, float number, char words[100]) {
@@ -4971,7 +4951,7 @@ static itn_result itn__make_film(itn__maker *maker) {
     int gaussian = maker->desc->film.filter == ITN_FILTER_GAUSSIAN;
     *film = maker->desc->film;
     itn__go_to(maker, ITN__FILM, 0);
-    if (itn__take_fields(maker, itn__forms[ITN__FILM].fields, film, NULL)) return maker->result;
+    if (itn__take_fields(maker, itn__forms[ITN__FILM], film, NULL)) return maker->result;
     if (film->channels == 2) return ITN__REFUSE("channels is 1 or 3, not 2");
     if (!gaussian && film->deviation != 0)
         return ITN__REFUSE("deviation is that of filter gaussian");
@@ -4985,7 +4965,7 @@ static itn_result itn__make_camera(itn__maker *maker) {
     itn_camera_desc in = maker->desc->camera;
     itn__camera *camera = &maker->scene->camera;
     itn__go_to(maker, ITN__CAMERA, 0);
-    if (itn__take_fields(maker, itn__forms[ITN__CAMERA].fields, &in, NULL)) return maker->result;
+    if (itn__take_fields(maker, itn__forms[ITN__CAMERA], &in, NULL)) return maker->result;
     itn_vec3 forward = itn__direction(itn__sub(in.target, in.eye)), up = itn__direction(in.up);
     if (up.x == 0 && up.y == 0 && up.z == 0) up.y = 1;
     itn_vec3 right = itn__cross(forward, up);
@@ -5006,7 +4986,7 @@ static itn_result itn__make_medium(itn__maker *maker, int index) {
     itn_medium_desc in = maker->desc->media[index];
     itn__medium *media = maker->scene->media, *medium = &media[maker->scene->medium_count++];
     if (!itn__take_name(maker, ITN__MEDIUM, index, in.name, media, sizeof *media, index))
-        itn__take_fields(maker, itn__forms[ITN__MEDIUM].fields, &in, medium);
+        itn__take_fields(maker, itn__forms[ITN__MEDIUM], &in, medium);
     maker->scene->spectral |= itn__is_spectral(medium->sigma_t) || itn__is_spectral(medium->g);
     return maker->result;
 }
@@ -5053,9 +5033,9 @@ static itn_result itn__make_surface(itn__maker *maker, int index) {
     if (itn__bsdfs[in.type].flags & ITN__TEXTURED) surface->texture = in.texture;
     if ((unsigned)surface->texture > (unsigned)ITN_TEXTURE_IMAGE)
         return ITN__REFUSE("unknown texture");
-    itn__take_fields(maker, itn__bsdfs[in.type].form.fields, &in, surface);
+    itn__take_fields(maker, itn__fields_of(ITN__SURFACE, in.type), &in, surface);
     if (surface->texture == ITN_TEXTURE_CHECKER)
-        itn__take_fields(maker, itn__checker_fields, &in, surface);
+        itn__take_fields(maker, itn__forms[ITN__CHECKER_FORM], &in, surface);
     if (surface->texture == ITN_TEXTURE_IMAGE && !maker->result)
         itn__copy_texels(maker, in.image, 1, &surface->width, &surface->height, &surface->texels);
     surface->checker_size = in.checker_size;
@@ -5134,7 +5114,7 @@ static void itn__copy_radiance(const itn_scene *scene, const float in[3], int ch
 static itn_result itn__make_sky(itn__maker *maker, itn_light_desc *in, itn__light *sky,
                                 itn__light *disc) {
     float half = ITN__SUN_RADIUS * (ITN__PI / 180), natural = 2 * itn__square(sinf(half / 2));
-    if (itn__take_fields(maker, itn__forms[ITN__SKY_FORM].fields, &in->sky, NULL))
+    if (itn__take_fields(maker, itn__forms[ITN__SKY_FORM], &in->sky, NULL))
         return maker->result;
     for (int c = 0; c < 3; c++)
         if (!(fabsf(in->sky.coefficients[c][8]) < 1))
@@ -5167,7 +5147,7 @@ static itn_result itn__make_light(itn__maker *maker, int index) {
     if ((unsigned)in.type >= (unsigned)ITN__LIGHT_SUN) return ITN__REFUSE("unknown type");
     scene->light_count += in.type == ITN_LIGHT_SKY ? 2 : 1;
     light->kind = (itn__light_kind)in.type;
-    if (itn__take_fields(maker, itn__light_models[light->kind].form.fields, &in, light))
+    if (itn__take_fields(maker, itn__fields_of(ITN__LIGHT, in.type), &in, light))
         return maker->result;
     light->share = in.scale; /* until the shares are known */
     if (in.type == ITN_LIGHT_SKY) return itn__make_sky(maker, &in, light, light + 1);
@@ -5332,7 +5312,7 @@ static itn_result itn__not_a_solid(itn__maker *maker, const itn_mesh *mesh,
 static itn_result itn__make_object(itn__maker *maker, int index) {
     const itn_object_desc *in = &maker->desc->objects[index];
     itn__object *object = &maker->scene->objects[index];
-    itn_mesh_report report;
+    itn_mesh_report report = ITN_ZERO;
     double m[12], p[3];
     const itn_mesh *mesh = itn__object_mesh(in, m);
     itn__go_to(maker, ITN__OBJECT, index);
@@ -5577,7 +5557,7 @@ static itn_result itn__make_items(itn__maker *maker) {
     for (int i = 0; i < desc->object_count && !maker->result; i++) itn__make_object(maker, i);
     if (maker->result) return maker->result;
     itn__go_to(maker, ITN__FILM, 0);
-    return itn__take_fields(maker, itn__forms[ITN__FILM].fields, &scene->film, &scene->camera);
+    return itn__take_fields(maker, itn__forms[ITN__FILM], &scene->film, &scene->camera);
 }
 
 /* Merges all objects, and builds the tree over their triangles. */
@@ -11891,23 +11871,32 @@ typedef struct itn__reader {
     itn_scene_desc desc;
     int count[ITN__KINDS], lines[ITN__KINDS][ITN__MOST_ITEMS]; /* how many so far; where they are */
     int colour_line; /* of the first colour of three numbers, 0: none so far */
-    int name_count;
+    int name_count, mesh_count, image_count;
     char names[5 * ITN__MOST_ITEMS][ITN_NAME_SIZE]; /* of media, surfaces, lights; two in objects */
+    itn_mesh meshes[ITN__MOST_ITEMS];
+    itn_image images[2 * ITN__MOST_ITEMS];
     itn_medium_desc media[ITN__MOST_ITEMS];
     itn_surface_desc surfaces[ITN__MOST_ITEMS];
     itn_object_desc objects[ITN__MOST_ITEMS];
     itn_light_desc lights[ITN__MOST_ITEMS];
-    itn_mesh meshes[ITN__MOST_ITEMS];
-    itn_image images[2][ITN__MOST_ITEMS]; /* of surfaces, of lights */
-    const itn__form *form;                /* of the item at hand, */
-    char *item;                           /* its desc, */
-    int given[ITN__MOST_FIELDS];          /* for each field 1 + its numbers or 0: not given; */
-    const itn__field *file;               /* the field with a file, NULL: none, */
-    const char *path;                     /* and what it is called: */
-    int length;                           /* so many characters */
+    const char *kind;            /* of the item at hand, */
+    const itn__field *fields;    /* what it may have, */
+    char *item;                  /* its desc, */
+    int given[ITN__MOST_FIELDS]; /* for each field 1 + its numbers or 0: not given; */
+    const itn__field *file;      /* the field with a file, NULL: none, */
+    const char *path;            /* and what it is called: */
+    int length;                  /* so many characters */
 } itn__reader;
 
 #define ITN__WRONG(...) itn__text_fail(&r->text, ITN_ERROR_FORMAT, __VA_ARGS__)
+
+/* Takes one of a few words; returns which, or -1. */
+static int itn__choose(itn__reader *r, itn__text *text, const char *what, const char *words) {
+    int choice = itn__accept(text, words), length = itn__word_length(text);
+    if (choice < 0)
+        ITN__WRONG("%s: '%.*s' is none of: %s", what, length < 40 ? length : 40, text->at, words);
+    return choice;
+}
 
 /* Adds a scale, rotate or translate by numbers n to a transformation, whose columns v it takes to
    n v, v + n (the last), or c v + s n x v + (1 - c) n (n . v) with n of unit length (Rodrigues).
@@ -11954,7 +11943,8 @@ static int itn__read_values(itn__reader *r, const itn__field *field) {
     while (!itn__line_done(&r->text) && (strchr("+-.0123456789", *r->text.at) ||
                                          !(count || itn__has_form(field, '0')))) {
         double number = itn__take_decimal(&r->text, name);
-        if (!itn__field_allows(field, (float)number, words)) ITN__WRONG("%s: %s", name, words);
+        if (!itn__field_allows(field, (float)number, words))
+            ITN__WRONG("%s: %s %s", r->kind, name, words);
         if (itn__has_form(field, 'i') && number != floor(number))
             ITN__WRONG("%s: %g is not a whole number", name, number);
         n[count] = (float)number, count += count < ITN__MOST_NUMBERS;
@@ -11974,12 +11964,6 @@ static int itn__read_values(itn__reader *r, const itn__field *field) {
     return count;
 }
 
-/* The length of the word ahead, as far as messages show it. */
-static int itn__shown(const itn__text *text) {
-    int length = itn__word_length(text);
-    return length < 40 ? length : 40;
-}
-
 /* Reads a name, which the desc has at this place. */
 static void itn__read_name(itn__reader *r, char *at) {
     char *name = r->names[r->name_count++];
@@ -11991,9 +11975,8 @@ static void itn__read_name(itn__reader *r, char *at) {
 
 /* Reads what follows a field's name; returns how many numbers. */
 static int itn__read_field(itn__reader *r, const itn__field *field) {
-    int value = 1;
     if (strpbrk(field->form, "0123456789")) return itn__read_values(r, field);
-    if (strpbrk(field->form, "wompy") && itn__line_done(&r->text)) {
+    if (strpbrk(field->form, "wmpy") && itn__line_done(&r->text)) {
         ITN__WRONG("%s: the line ends too early", field->name);
     } else if (strpbrk(field->form, "mpy")) {
         if (*r->text.at == '"' || *r->text.at == '\'')
@@ -12003,9 +11986,7 @@ static int itn__read_field(itn__reader *r, const itn__field *field) {
     } else if (itn__has_form(field, 'w')) {
         itn__read_name(r, r->item + field->at);
     } else { /* one of a few words; a flag, or nothing */
-        if (field->words && (value = itn__accept(&r->text, field->words)) < 0)
-            ITN__WRONG("%s: '%.*s' is none of: %s", field->name, itn__shown(&r->text),
-                       r->text.at, field->words);
+        int value = field->words ? itn__choose(r, &r->text, field->name, field->words) : 1;
         if (field->at) memcpy(r->item + field->at, &value, sizeof value);
     }
     return 0;
@@ -12013,31 +11994,26 @@ static int itn__read_field(itn__reader *r, const itn__field *field) {
 
 /* Reads all fields of the line. */
 static void itn__read_fields(itn__reader *r) {
-    const itn__field *fields = r->form->fields;
     char list[160] = "";
     itn__prose known = {list, sizeof list - 1, 0};
-    int k;
-    for (k = 0; fields[k].name; k++) itn__say(&known, "%s%s", k ? " " : "", fields[k].name);
+    for (const itn__field *field = r->fields; field->name; field++)
+        itn__say(&known, "%s%s", *list ? " " : "", field->name);
     while (!itn__line_done(&r->text)) {
-        k = itn__accept(&r->text, list);
-        if (k < 0)
-            ITN__WRONG("%s has no field '%.*s', only %s%s", itn__kinds[r->form->kind],
-                       itn__shown(&r->text), r->text.at, list,
-                       r->form->kind == ITN__SURFACE ? " (or is of another type)" : "");
-        else if (r->given[k] && !itn__has_form(&fields[k], 't')) /* which may come again */
-            ITN__WRONG("%s is given twice", fields[k].name);
-        else r->given[k] = 1 + itn__read_field(r, &fields[k]);
+        int k = itn__choose(r, &r->text, r->kind, list);
+        if (k < 0) return;
+        if (r->given[k] && !itn__has_form(&r->fields[k], 't')) /* which may come again */
+            ITN__WRONG("%s is given twice", r->fields[k].name);
+        else r->given[k] = 1 + itn__read_field(r, &r->fields[k]);
     }
 }
 
 /* What is not given is missing, or what `otherwise` says. */
 static void itn__end_fields(itn__reader *r) {
-    const itn__field *field = r->form->fields;
+    const itn__field *field = r->fields;
     for (int k = 0; field->name; k++, field++) {
-        float n[ITN__MOST_NUMBERS] = {0};
+        float n[3] = {field->otherwise, 0, 0};
         if (!r->given[k] && itn__has_form(field, '!'))
-            ITN__WRONG("%s: %s is missing", itn__kinds[r->form->kind], field->name);
-        n[0] = field->otherwise;
+            ITN__WRONG("%s: %s is missing", r->kind, field->name);
         if (!r->given[k] && n[0] != 0) itn__write_numbers(field, r->item, n, 1);
     }
 }
@@ -12077,7 +12053,7 @@ static itn_result itn__sky_from_memory(const itn_context *context, const itn_fil
     itn__reader *r = ITN__NEW(itn__reader, context, 1);
     if (!r) return itn__out_of_memory(error, "a sky");
     r->text = itn__text_make(file->bytes, file->size, file->name), r->text.error = error;
-    r->form = &itn__forms[ITN__SKY_FORM], r->item = (char *)sky;
+    r->kind = "sky", r->fields = itn__forms[ITN__SKY_FORM], r->item = (char *)sky;
     for (; r->text.at < r->text.end; itn__next_line(&r->text)) itn__read_fields(r);
     itn__end_fields(r);
     itn_result result = r->text.result;
@@ -12085,109 +12061,86 @@ static itn_result itn__sky_from_memory(const itn_context *context, const itn_fil
     return result;
 }
 
-/* Reads the item's file, which is beside the scene file or where its path is absolute. */
-static itn_result itn__read_beside(const itn__reader *r, itn__buffer *path, itn__buffer *bytes,
-                                   itn_file *file, itn_error *error) {
+/* Finds the item's file among those given in memory, else reads it: from beside the scene file, or
+   where its path is absolute. */
+static itn_result itn__find_file(const itn__reader *r, itn_file *file, char path[4096],
+                                 itn__buffer *bytes, itn_error *error) {
+    for (int k = 0; k < r->file_count; k++) {
+        *file = r->files[k];
+        if (strlen(file->name) == (size_t)r->length &&
+            !memcmp(file->name, r->path, (size_t)r->length))
+            return ITN_OK;
+    }
 #ifdef ITN_NO_STDIO
-    (void)path, (void)bytes, (void)file;
+    (void)path, (void)bytes;
     return itn__fail(error, ITN_ERROR_FILE, 0, "%.*s is not among the files given", r->length,
                      r->path);
 #else
-    size_t folder = strlen(r->text.name), length = (size_t)r->length;
-    itn_result result;
-    while (folder && r->text.name[folder - 1] != '/' && r->text.name[folder - 1] != '\\') folder--;
-    if (r->path[0] == '/') folder = 0;
+    const char *name = r->text.name;
+    int folder = (int)strlen(name), absolute = r->path[0] == '/';
 #ifdef _WIN32
-    if (r->path[0] == '\\' || (length > 1 && r->path[1] == ':')) folder = 0;
+    absolute |= r->path[0] == '\\' || (r->length > 1 && r->path[1] == ':');
 #endif
-    itn__put(path, r->text.name, folder), itn__put(path, r->path, length), itn__put(path, "", 1);
-    if (path->failed) return itn__out_of_memory(error, "a path");
-    file->name = (const char *)path->bytes;
-    result = itn__read_file(file->name, SIZE_MAX / 4, &r->context, bytes, error);
-    file->bytes = bytes->bytes, file->size = bytes->size;
+    while (folder && (absolute || !strchr("/\\", name[folder - 1]))) folder--;
+    if (itn__print(path, 4096, "%.*s%.*s", folder, name, r->length, r->path) >= 4096)
+        return itn__fail(error, ITN_ERROR_FILE, 0, "a path has more than 4095 bytes");
+    itn_result result = itn__read_file(path, SIZE_MAX / 4, &r->context, bytes, error);
+    file->name = path, file->bytes = bytes->bytes, file->size = bytes->size;
     return result;
 #endif
 }
 
-/* Loads the item's file - a mesh, a picture or a sky, given in memory or read - to its desc. */
+/* Loads the item's file - a mesh, a picture or a sky - to its desc. */
 static void itn__load_file(itn__reader *r) {
-    int kind = r->form->kind, index = r->count[kind] - 1;
     const itn_context *context = &r->context;
-    itn_mesh *mesh = &r->meshes[index];
-    itn_image *image = &r->images[kind == ITN__LIGHT][index];
-    char *at = r->item + r->file->at;
-    itn__buffer path = ITN_ZERO, bytes = ITN_ZERO;
+    itn_mesh *mesh = &r->meshes[r->mesh_count];
+    itn_image *image = &r->images[r->image_count];
+    char path[4096], *at = r->item + r->file->at;
+    itn__buffer bytes = ITN_ZERO;
     itn_file file = {NULL, NULL, 0};
     itn_error error = ITN_ZERO;
-    itn_result result = ITN_OK;
-    path.context = bytes.context = r->context;
-    for (int k = 0; k < r->file_count && !file.name; k++)
-        if (strlen(r->files[k].name) == (size_t)r->length &&
-            !memcmp(r->files[k].name, r->path, (size_t)r->length))
-            file = r->files[k];
-    if (!file.name) result = itn__read_beside(r, &path, &bytes, &file, &error);
-    if (itn__has_form(r->file, 'm')) memcpy(at, &mesh, sizeof mesh);
-    if (itn__has_form(r->file, 'p')) memcpy(at, &image, sizeof image);
-    if (!result && itn__has_form(r->file, 'y'))
-        result = itn__sky_from_memory(context, &file, (itn_sky *)(void *)at, &error);
-    if (!result && itn__has_form(r->file, 'm'))
+    itn_result result = itn__find_file(r, &file, path, &bytes, &error);
+    if (!result && itn__has_form(r->file, 'm')) {
+        memcpy(at, &mesh, sizeof mesh), r->mesh_count++;
         result = itn_mesh_from_memory(file.bytes, file.size, file.name, context, mesh, &error);
-    if (!result && itn__has_form(r->file, 'p'))
+    } else if (!result && itn__has_form(r->file, 'p')) {
+        memcpy(at, &image, sizeof image), r->image_count++;
         result = itn_image_from_memory(file.bytes, file.size, file.name, context, image, &error);
-    itn__buffer_free(&bytes), itn__buffer_free(&path);
-    if (result) itn__text_fail(&r->text, result, "%s", error.message);
-}
-
-/* The form of the line's item. */
-static const itn__form *itn__find_form(itn__reader *r) {
-    char list[300] = "";
-    itn__prose known = {list, sizeof list - 1, 0};
-    const char *from = r->text.at;
-    int k, kind = 0;
-    while (kind < ITN__KINDS && itn__accept(&r->text, itn__kinds[kind]) < 0) kind++;
-    itn__text ahead = r->text;
-    if (kind == ITN__SURFACE) /* its type stands somewhere behind its name */
-        do ahead.at += itn__word_length(&ahead);
-        while (!itn__line_done(&ahead) && itn__accept(&ahead, "type") < 0);
-    for (k = 0; k < ITN__OWN_FORMS + ITN__BSDFS + ITN__LIGHTS; k++) {
-        const itn__form *form = itn__form_at(k);
-        if (form->kind == ITN__KINDS || (kind < ITN__KINDS && form->kind != kind)) continue;
-        if (kind < ITN__KINDS && (!form->variant || itn__accept(&ahead, form->variant) == 0))
-            return form;
-        itn__say(&known, "%s%s%s%s", *list ? ", " : "", itn__kinds[form->kind],
-                 form->kind == ITN__SURFACE ? " NAME type " : form->variant ? " " : "",
-                 form->variant ? form->variant : "");
+    } else if (!result) {
+        result = itn__sky_from_memory(context, &file, (itn_sky *)(void *)at, &error);
     }
-    while (!itn__line_done(&ahead)) ahead.at += itn__word_length(&ahead);
-    k = (int)(ahead.at - from);
-    ITN__WRONG("found '%.*s', expected %s", k < 40 ? k : 40, from, list);
-    return NULL;
+    itn__buffer_free(&bytes);
+    if (result) itn__text_fail(&r->text, result, "%s", error.message);
 }
 
 /* Reads the item of a line that has words. What it leaves out is in its desc what the fields say,
    or 0; a transform begins with the identity. */
 static void itn__read_item(itn__reader *r) {
-    const itn__form *form = r->form = itn__find_form(r);
-    int kind = form ? form->kind : 0, index = r->count[kind]++;
-    itn_medium_desc *medium = &r->media[index];
-    itn_surface_desc *surface = &r->surfaces[index];
-    itn_object_desc *object = &r->objects[index];
-    itn_light_desc *light = &r->lights[index];
-    void *items[ITN__KINDS] = {&r->desc.film, &r->desc.camera, medium, surface, object, light};
+    int kind = itn__choose(r, &r->text, "item", itn__kinds[ITN__KINDS]), type = 0;
+    if (kind < 0) return;
+    int index = r->count[kind]++;
     if (index && kind <= ITN__CAMERA)
         ITN__WRONG("%s was given in line %d", itn__kinds[kind], r->lines[kind][0]);
     if (index == ITN__MOST_ITEMS) ITN__WRONG("more than %d items of this kind", index);
+    itn__text ahead = r->text;
+    if (kind == ITN__SURFACE) /* its type stands somewhere behind its name */
+        do ahead.at += itn__word_length(&ahead);
+        while (!itn__line_done(&ahead) && itn__accept(&ahead, "type") < 0);
+    if (itn__types[kind]) type = itn__choose(r, &ahead, itn__kinds[kind], itn__types[kind]);
     if (r->text.result) return;
+    void *items[ITN__KINDS] = {&r->desc.film,     &r->desc.camera,     &r->media[index],
+                               &r->objects[index], &r->surfaces[index], &r->lights[index]};
+    r->kind = itn__kinds[kind], r->fields = itn__fields_of(kind, type);
     r->item = (char *)items[kind], r->lines[kind][index] = r->text.line, r->file = NULL;
     memset(r->given, 0, sizeof r->given);
     if (kind == ITN__MEDIUM || kind == ITN__SURFACE) itn__read_name(r, r->item); /* it is first */
-    if (kind == ITN__SURFACE) surface->type = (itn_surface_type)form->type;
-    for (int k = 0; k < 3 && kind == ITN__OBJECT; k++) object->transform[5 * k] = 1;
-    if (kind == ITN__LIGHT) light->type = (itn_light_type)form->type;
+    if (kind == ITN__SURFACE) r->surfaces[index].type = (itn_surface_type)type;
+    if (kind == ITN__LIGHT) r->lights[index].type = (itn_light_type)type;
+    for (int k = 0; k < 3 && kind == ITN__OBJECT; k++) r->objects[index].transform[5 * k] = 1;
     itn__read_fields(r), itn__end_fields(r);
-    if (kind == ITN__MEDIUM) itn__end_medium(r, medium);
-    if (kind == ITN__SURFACE && (itn__bsdfs[form->type].flags & ITN__TEXTURED))
-        itn__end_reflectance(r, surface);
+    if (kind == ITN__MEDIUM) itn__end_medium(r, &r->media[index]);
+    if (kind == ITN__SURFACE && (itn__bsdfs[type].flags & ITN__TEXTURED))
+        itn__end_reflectance(r, &r->surfaces[index]);
     if (r->file && !r->text.result) itn__load_file(r);
 }
 
@@ -12240,7 +12193,7 @@ ITN_API itn_result itn_scene_from_memory(const void *bytes, size_t size, const c
     r->context = own, r->files = files, r->file_count = file_count;
     result = itn__read_scene(r, scene);
     for (int k = 0; k < ITN__MOST_ITEMS; k++) itn_mesh_free(&r->meshes[k]);
-    for (int k = 0; k < 2 * ITN__MOST_ITEMS; k++) itn_image_free(&r->images[k % 2][k / 2]);
+    for (int k = 0; k < 2 * ITN__MOST_ITEMS; k++) itn_image_free(&r->images[k]);
     itn__free(&own, r);
     return result;
 }
