@@ -4869,7 +4869,8 @@ static void *itn__keep(itn__maker *maker, size_t count, size_t size) {
     void **blocks = &maker->scene->blocks, *block = NULL;
     if (count <= SIZE_MAX / 4 / size)
         block = itn__allocate(&maker->scene->context, 1, head + count * size);
-    if (!block) return itn__refuse(maker, ITN_ERROR_MEMORY, "out of memory"), NULL;
+    if (!block) itn__refuse(maker, ITN_ERROR_MEMORY, "out of memory");
+    if (!block) return NULL;
     memcpy(block, blocks, sizeof block), *blocks = block;
     return (char *)block + head;
 }
