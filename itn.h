@@ -5368,7 +5368,7 @@ static itn_result itn__make_origin(itn__maker *maker) {
         for (o = scene->objects; o < end; o++)
             reach = fmax(reach, fmax(origin[k] - o->lower[k], o->upper[k] - origin[k]));
     }
-    scene->radius = (float)itn__size_of(half);
+    scene->radius = (float)sqrt(half[0] * half[0] + half[1] * half[1] + half[2] * half[2]);
     for (int k = 0; k < 3; k++) half[k] += 8 * FLT_EPSILON * (double)scene->radius;
     scene->upper = itn__vec3((float)half[0], (float)half[1], (float)half[2]);
     scene->lower = itn__scale(scene->upper, -1);
