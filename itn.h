@@ -10499,17 +10499,6 @@ static int itn__take_symbol(itn__inflate *z, const itn__code *code) {
     return -1;
 }
 
-/* A stored block: its length, that with all bits turned, and the bytes. */
-static int itn__inflate_stored(itn__inflate *z) {
-    size_t length = itn__take_number(z->in, 2, 0), turned = itn__take_number(z->in, 2, 0);
-    const unsigned char *bytes = itn__take_bytes(z->in, length);
-    z->bits = 0, z->count = 0; /* it begins with a whole byte */
-    if (!bytes || (length ^ turned) != 0xffff || length > z->capacity - z->size) return 0;
-    memcpy(z->out + z->size, bytes, length);
-    z->size += length;
-    return 1;
-}
-
 /* Makes the codes of a block. Fixed ones are known; others are given by their lengths, which are
    Huffman coded themselves: 0-15 a length, 16 the last one 3-6 times, 17 and 18 runs of zeros. */
 static int itn__inflate_codes(itn__inflate *z, int fixed) {
@@ -10574,7 +10563,8 @@ static uint32_t itn__adler32(uint32_t sum, const unsigned char *bytes, size_t si
 
 /* Decompresses a zlib stream that must hold exactly `capacity` bytes. What is wrong fails the text;
    `bytes` is then partly written. The zeros that are read behind the end lead to the end of the
-   output, or to a block that is none. */
+   output, or to a block that is none. A stored block is its length, that with all bits turned, and
+   whole bytes. */
 static void itn__zlib_decode(itn__text *in, unsigned char *bytes, size_t capacity) {
     itn__inflate z = ITN_ZERO;
     unsigned head = (unsigned)itn__take_number(in, 2, 1);
@@ -10582,8 +10572,14 @@ static void itn__zlib_decode(itn__text *in, unsigned char *bytes, size_t capacit
     z.in = in, z.out = bytes, z.capacity = capacity;
     for (int last = 0, type; good && !last;) {
         last = itn__take_bits(&z, 1), type = itn__take_bits(&z, 2);
-        good = type ? type < 3 && itn__inflate_codes(&z, type == 1) && itn__inflate_coded(&z)
-                    : itn__inflate_stored(&z);
+        if (type == 0) {
+            size_t length = itn__take_number(in, 2, 0), turned = itn__take_number(in, 2, 0);
+            const unsigned char *stored = itn__take_bytes(in, length);
+            good = stored && (length ^ turned) == 0xffff && length <= capacity - z.size;
+            if (good) memcpy(bytes + z.size, stored, length);
+            z.size += length, z.bits = 0, z.count = 0;
+        } else
+            good = type < 3 && itn__inflate_codes(&z, type == 1) && itn__inflate_coded(&z);
     }
     if (!good || z.size != capacity)
         ITN__DAMAGED(in, "not the zlib data of %.0f bytes", (double)capacity);
@@ -10660,39 +10656,6 @@ static itn__exr_box itn__exr_take_box(itn__text *text) {
     return w;
 }
 
-/* Reads the header, up to the blocks, and checks that the file is large enough for what it promises
-   (deflate shrinks at most 1032-fold). */
-static void itn__exr_header(itn__text *text, itn__exr *exr) {
-    uint64_t version = itn__take_number(text, 8, 0) >> 32; /* behind the magic number */
-    itn__exr_box *data = &exr->data, *display = &exr->display;
-    const char *name;
-    exr->compression = -1;
-    if ((version & ~(uint64_t)ITN__EXR_LONG_NAMES) != 2)
-        ITN__UNSUPPORTED(text, "EXR of tiles, deep data, several parts or another version than 2");
-    while (*(name = itn__take_string(text))) {
-        itn__take_string(text); /* the type */
-        itn__text value = itn__take_part(text, itn__take_u32(text));
-        if (!strcmp(name, "channels")) itn__exr_channel_list(&value, exr);
-        if (!strcmp(name, "compression")) exr->compression = (int)itn__take_number(&value, 1, 0);
-        if (!strcmp(name, "dataWindow")) *data = itn__exr_take_box(&value);
-        if (!strcmp(name, "displayWindow")) *display = itn__exr_take_box(&value);
-        text->result = value.result;
-    }
-    if (!display->width) *display = *data;
-    double pixels = (double)(data->width * data->height), bytes = (double)exr->line * pixels;
-    double most = (exr->compression ? 1032 : 1) * (double)(text->end - text->at);
-    if (exr->compression > ITN__EXR_ZIP)
-        ITN__UNSUPPORTED(text, "EXR compression %d (4 is PIZ, 6 and 7 B44, 8 and 9 DWA)",
-                         exr->compression);
-    if (!exr->channels || exr->compression < 0 || !data->width)
-        ITN__DAMAGED(text, "EXR header lacks channels, compression or data window");
-    if (bytes > fmin(most, (double)(SIZE_MAX / 4)) ||
-        (double)(display->width * display->height) > 256 * pixels)
-        ITN__DAMAGED(text, "EXR windows are larger than the data: cut off or damaged");
-    exr->line *= (size_t)data->width;
-    exr->lines = exr->compression != ITN__EXR_ZIP ? 1 : data->height < 16 ? data->height : 16;
-}
-
 /* Decompresses a block of `size` bytes to behind these. Run lengths are a count n < 128, and then a
    byte for n + 1, or (others) 256 - n bytes. */
 static void itn__exr_unpack(const itn__exr *exr, itn__text *in, unsigned char *coded, size_t size) {
@@ -10748,16 +10711,45 @@ static void itn__exr_block(itn__text *text, itn__exr *exr, itn_image *image) {
         }
 }
 
+/* Reads the header, and checks that the file is large enough for what it promises (deflate shrinks
+   at most 1032-fold); then the blocks. */
 static ITN__COLD void itn__exr_decode(itn__text *text, itn_image *image) {
     itn__exr exr = ITN_ZERO;
     text->line = 0;
-    itn__exr_header(text, &exr);
+    uint64_t version = itn__take_number(text, 8, 0) >> 32; /* behind the magic number */
+    itn__exr_box *data = &exr.data, *display = &exr.display;
+    const char *name;
+    exr.compression = -1;
+    if ((version & ~(uint64_t)ITN__EXR_LONG_NAMES) != 2)
+        ITN__UNSUPPORTED(text, "EXR of tiles, deep data, several parts or another version than 2");
+    while (*(name = itn__take_string(text))) {
+        itn__take_string(text); /* the type */
+        itn__text value = itn__take_part(text, itn__take_u32(text));
+        if (!strcmp(name, "channels")) itn__exr_channel_list(&value, &exr);
+        if (!strcmp(name, "compression")) exr.compression = (int)itn__take_number(&value, 1, 0);
+        if (!strcmp(name, "dataWindow")) *data = itn__exr_take_box(&value);
+        if (!strcmp(name, "displayWindow")) *display = itn__exr_take_box(&value);
+        text->result = value.result;
+    }
+    if (!display->width) *display = *data;
+    double pixels = (double)(data->width * data->height), bytes = (double)exr.line * pixels;
+    double most = (exr.compression ? 1032 : 1) * (double)(text->end - text->at);
+    if (exr.compression > ITN__EXR_ZIP)
+        ITN__UNSUPPORTED(text, "EXR compression %d (4 is PIZ, 6 and 7 B44, 8 and 9 DWA)",
+                         exr.compression);
+    if (!exr.channels || exr.compression < 0 || !data->width)
+        ITN__DAMAGED(text, "EXR header lacks channels, compression or data window");
+    if (bytes > fmin(most, (double)(SIZE_MAX / 4)) ||
+        (double)(display->width * display->height) > 256 * pixels)
+        ITN__DAMAGED(text, "EXR windows are larger than the data: cut off or damaged");
+    exr.line *= (size_t)data->width;
+    exr.lines = exr.compression != ITN__EXR_ZIP ? 1 : data->height < 16 ? data->height : 16;
     if (!text->result)
-        text->result = itn_image_create((int)exr.display.width, (int)exr.display.height,
-                                        exr.channels, text->context, image, text->error);
+        text->result = itn_image_create((int)display->width, (int)display->height, exr.channels,
+                                        text->context, image, text->error);
     if (text->result) return;
     for (int i = 0; i < exr.channels; i++) itn__copy_name(image->names[i], exr.names[i]);
-    size_t blocks = (size_t)((exr.data.height - 1) / exr.lines + 1);
+    size_t blocks = (size_t)((data->height - 1) / exr.lines + 1);
     exr.seen = ITN__NEW(unsigned char, &image->context, 2 * exr.line * (size_t)exr.lines + blocks);
     if (exr.seen) exr.scratch = exr.seen + blocks;
     else itn__text_fail(text, ITN_ERROR_MEMORY, "out of memory");
@@ -10956,23 +10948,22 @@ static ITN__COLD void itn__png_decode(itn__text *text, itn_image *image) {
     itn__buffer_free(&png.data);
 }
 
-/* Fails because bytes are of no format that is read, and says which they are of, by their first
-   ones; '.' is any. */
+/* Fails because bytes are of no format that is read, and says which they are of. */
 static itn_result itn__fail_format(const void *bytes, size_t size, const char *name,
                                    const char *wanted, itn_error *error) {
-    static const char *const known[][2] = {
-        {"\xff\xd8\xff", "a JPEG picture, "}, {"#?R", "a Radiance picture, "},
-        {"II*", "a TIFF or raw picture, "},   {"MM", "a TIFF or raw picture, "},
-        {"....ftyp", "a HEIC picture, "},     {"RIFF....WEBP", "a WebP picture, "},
-        {"\x1f\x8b", "packed by gzip, "},     {"solid", "an STL mesh, "}};
-    const unsigned char *at = (const unsigned char *)bytes;
+    static const struct { size_t at; const char *bytes, *what; } known[] = {
+        {0, "\xff\xd8\xff", "a JPEG picture, "}, {0, "#?R", "a Radiance picture, "},
+        {0, "II*", "a TIFF or raw picture, "},   {0, "MM", "a TIFF or raw picture, "},
+        {4, "ftyp", "a HEIC picture, "},         {8, "WEBP", "a WebP picture, "},
+        {0, "\x1f\x8b", "packed by gzip, "},     {0, "solid", "an STL mesh, "}};
+    const unsigned char *start = (const unsigned char *)bytes;
     const char *what = "";
-    for (size_t i = 0, k; i < sizeof known / sizeof *known; i++) {
-        const char *start = known[i][0];
-        for (k = 0; k < size && start[k] && (start[k] == '.' || start[k] == (char)at[k]);) k++;
-        if (!start[k]) what = known[i][1];
+    for (size_t i = 0; i < sizeof known / sizeof *known; i++) {
+        size_t at = known[i].at, length = strlen(known[i].bytes);
+        if (size >= at + length && !memcmp(start + at, known[i].bytes, length))
+            what = known[i].what;
     }
-    if (size >= 84 && size == 84 + 50 * itn__from_bytes(at + 80, 4, 0)) what = known[7][1];
+    if (size >= 84 && size == 84 + 50 * itn__from_bytes(start + 80, 4, 0)) what = known[7].what;
     return itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: is %snot %s", name, what, wanted);
 }
 
@@ -11007,48 +10998,13 @@ typedef struct itn__photo {
     itn_photo_desc desc;
     itn_film_desc film;
     itn_photo_report report;
-    const float *planes[6], *alpha, *mask; /* colours, and their variances; NULL: there is none */
+    const float *planes[6], *alpha, *mask[3]; /* colours, and their variances; NULL: none */
     int colours;       /* 1 or 3 */
     int stated, known; /* whether anything says what the noise is; whether a variance is not 0 */
     double means[6];   /* of the film pixel at hand: of its channels, and of their variances */
     itn_result result;
     itn_error *error;
 } itn__photo;
-
-static const char *const itn__photo_names[2][6] = {
-    {"Y", "Variance.Y"}, {"R", "G", "B", "Variance.R", "Variance.G", "Variance.B"}};
-
-/* Finds the planes and what the defaults are. Returns NULL, or what is wrong. */
-static const char *itn__photo_begin(itn__photo *photo) {
-    const itn_image *image = photo->image, *mask = photo->desc.mask;
-    const itn_film_desc *film = &photo->film;
-    itn_photo_desc *d = &photo->desc;
-    const float *planes[3];
-    if (d->crop_x >= 0 && !d->crop_width) d->crop_width = image->width - d->crop_x;
-    if (d->crop_y >= 0 && !d->crop_height) d->crop_height = image->height - d->crop_y;
-    if (d->gamma == 0) d->gamma = image->gamma;
-    if (d->saturation == 0) d->saturation = image->codes ? 1 : INFINITY;
-    double across = (double)d->crop_width / film->width;
-    double down = (double)d->crop_height / film->height;
-    if (d->crop_x < 0 || d->crop_y < 0 || d->crop_width > image->width - d->crop_x ||
-        d->crop_height > image->height - d->crop_y || across < 1 || down < 1 ||
-        fabs(across - down) * fmin(film->width, film->height) > .5)
-        return "is cropped to another shape than the film's, to less pixels, or beyond its edge";
-    if (!(d->gamma <= 20 && d->read_noise >= 0 && d->gain >= 0))
-        return "has a gamma, read noise or gain that is out of range";
-    if (!itn__image_colours(image, photo->planes)) return "has neither Y nor R, G and B";
-    photo->colours = photo->planes[1] == photo->planes[0] ? 1 : 3;
-    if (photo->colours < film->channels) return "has not R, G and B, which the film has";
-    if (mask && (mask->width != image->width || mask->height != image->height ||
-                 !itn__image_colours(mask, planes)))
-        return "has another size than its mask, or that has neither Y nor R, G and B";
-    photo->mask = mask ? planes[0] : NULL, photo->alpha = itn_image_plane(image, "A");
-    for (int k = photo->colours; k < 2 * photo->colours; k++)
-        photo->planes[3 + k % photo->colours] =
-            itn_image_plane(image, itn__photo_names[photo->colours / 3][k]);
-    photo->stated = d->read_noise > 0 || d->gain > 0 || photo->planes[3];
-    return NULL;
-}
 
 /* Adds a share of a pixel to the means, for a grey film of its luminance; channels have their noise
    together. Returns 0 if it does not count: it is transparent, masked, saturated or not valid. */
@@ -11058,7 +11014,7 @@ static int itn__photo_pixel(itn__photo *photo, int x, int y, double share) {
     itn_photo_report *told = &photo->report;
     size_t at = (size_t)y * (size_t)photo->image->width + (size_t)x;
     if (photo->alpha && !(photo->alpha[at] >= 1)) return 0;
-    if (photo->mask && !(photo->mask[at] >= .5f)) return 0;
+    if (photo->mask[0] && !(photo->mask[0][at] >= .5f)) return 0;
     for (int k = 0; k < photo->colours; k++) {
         light[k] = photo->planes[k][at];
         if (light[k] >= photo->desc.saturation) return told->saturated++, 0;
@@ -11081,27 +11037,21 @@ static int itn__photo_pixel(itn__photo *photo, int x, int y, double share) {
     return !photo->result;
 }
 
-/* How much of film pixel x of n pixel i of the m that they cover is. One of these is n long, if one
-   of the film is m long. */
-static double itn__photo_share(int64_t i, int64_t m, int64_t x, int64_t n) {
-    int64_t first = i * n > x * m ? i * n : x * m;
-    int64_t end = (i + 1) * n < (x + 1) * m ? (i + 1) * n : (x + 1) * m;
-    return (double)(end - first) / (double)m;
-}
-
-/* Makes a film pixel: its values and, in the planes behind, their variances. */
+/* Makes a film pixel: its values and, in the planes behind, their variances. One of the photo's has
+   sides as long as the film has pixels, then one of the film's as long as the crop has. */
 static void itn__photo_film(itn__photo *photo, int x, int y, itn_image *made) {
     const itn_photo_desc *d = &photo->desc;
     int channels = photo->film.channels, codes = photo->image->codes, counts = 1;
-    int64_t w = d->crop_width, h = d->crop_height;
-    int64_t columns = photo->film.width, rows = photo->film.height;
-    double gamma = (double)d->gamma, covered = (double)(w * h) / (double)(columns * rows);
+    double w = d->crop_width, h = d->crop_height, gamma = (double)d->gamma;
+    double columns = photo->film.width, rows = photo->film.height;
     memset(photo->means, 0, sizeof photo->means);
-    for (int64_t j = y * h / rows; j * rows < (y + 1) * h; j++)
-        for (int64_t i = x * w / columns; i * columns < (x + 1) * w && counts; i++)
+    for (double j = floor(y * h / rows); j * rows < (y + 1) * h; j++)
+        for (double i = floor(x * w / columns); i * columns < (x + 1) * w && counts; i++) {
+            double across = fmin((i + 1) * columns, (x + 1) * w) - fmax(i * columns, x * w);
+            double down = fmin((j + 1) * rows, (y + 1) * h) - fmax(j * rows, y * h);
             counts = itn__photo_pixel(photo, d->crop_x + (int)i, d->crop_y + (int)j,
-                                      itn__photo_share(i, w, x, columns) *
-                                          itn__photo_share(j, h, y, rows));
+                                      across / w * (down / h));
+        }
     photo->report.masked += !counts;
     for (int c = 0; c < channels; c++) {
         double mean = photo->means[c], code = itn__encode(mean, gamma), step = 0;
@@ -11109,7 +11059,7 @@ static void itn__photo_film(itn__photo *photo, int x, int y, itn_image *made) {
             step = itn__decode(code + .5 / codes, gamma) - itn__decode(code - .5 / codes, gamma);
         double variance = photo->means[3 + c] + step * step / 12 + pow((double)d->read_noise, 2) +
                           (double)d->gain * fmax(mean, 0);
-        variance = variance / covered + (photo->stated ? 0 : step * step / 4);
+        variance = variance / (w / columns * h / rows) + (photo->stated ? 0 : step * step / 4);
         *itn__pixel(made, c, y, x) = counts ? (float)mean : 0;
         *itn__pixel(made, channels + c, y, x) = counts ? (float)variance : INFINITY;
         photo->known |= !counts || variance > 0;
@@ -11119,24 +11069,48 @@ static void itn__photo_film(itn__photo *photo, int x, int y, itn_image *made) {
 ITN_API ITN__COLD itn_result itn_photo_make(const itn_image *image, const itn_photo_desc *desc,
                                   itn_film_desc film, itn_image *photo, itn_photo_report *report,
                                   itn_error *error) {
+    static const char *const names[2][6] = {
+        {"Y", "Variance.Y"}, {"R", "G", "B", "Variance.R", "Variance.G", "Variance.B"}};
     itn__photo p = ITN_ZERO;
+    itn_photo_desc *d = &p.desc;
     itn_image made = ITN_ZERO;
-    const char *fault = "is NULL, or the film is none of a scene";
+    const char *fault = NULL;
+    if (!image || !image->pixels || !image->names || !photo || film.width < 1 || film.height < 1 ||
+        (film.channels != 1 && film.channels != 3))
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "the photo is NULL, or the film is none of a scene");
     p.image = image, p.film = film, p.error = error;
-    if (desc) p.desc = *desc;
-    if (image && image->pixels && image->names && photo && film.width > 0 && film.height > 0 &&
-        (film.channels == 1 || film.channels == 3))
-        fault = itn__photo_begin(&p);
+    if (desc) *d = *desc;
+    if (d->crop_x >= 0 && !d->crop_width) d->crop_width = image->width - d->crop_x;
+    if (d->crop_y >= 0 && !d->crop_height) d->crop_height = image->height - d->crop_y;
+    if (d->gamma == 0) d->gamma = image->gamma;
+    if (d->saturation == 0) d->saturation = image->codes ? 1 : INFINITY;
+    double across = (double)d->crop_width / film.width, down = (double)d->crop_height / film.height;
+    if (d->crop_x < 0 || d->crop_y < 0 || d->crop_width > image->width - d->crop_x ||
+        d->crop_height > image->height - d->crop_y || across < 1 || down < 1 ||
+        fabs(across - down) * fmin(film.width, film.height) > .5)
+        fault = "is cropped to another shape than the film's, to less pixels, or beyond its edge";
+    else if (!(d->gamma <= 20 && d->read_noise >= 0 && d->gain >= 0))
+        fault = "has a gamma, read noise or gain that is out of range";
+    else if (!itn__image_colours(image, p.planes)) fault = "has neither Y nor R, G and B";
+    else if (p.planes[0] == p.planes[1] && film.channels == 3)
+        fault = "has not R, G and B, which the film has";
+    else if (d->mask && (d->mask->width != image->width || d->mask->height != image->height ||
+                         !itn__image_colours(d->mask, p.mask)))
+        fault = "has another size than its mask, or that has neither Y nor R, G and B";
     if (fault)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "the photo %s (%d x %d pixels of it, for a "
-                         "film of %d x %d)", fault, p.desc.crop_width, p.desc.crop_height,
-                         film.width, film.height);
+                         "film of %d x %d)", fault, d->crop_width, d->crop_height, film.width,
+                         film.height);
+    p.colours = p.planes[0] == p.planes[1] ? 1 : 3, p.alpha = itn_image_plane(image, "A");
+    for (int k = 0; k < p.colours; k++)
+        p.planes[3 + k] = itn_image_plane(image, names[p.colours / 3][p.colours + k]);
+    p.stated = d->read_noise > 0 || d->gain > 0 || p.planes[3];
     p.result =
         itn_image_create(film.width, film.height, 2 * film.channels, &image->context, &made, error);
     for (int y = 0; y < film.height; y++)
         for (int x = 0; x < film.width && !p.result; x++) itn__photo_film(&p, x, y, &made);
-    for (int k = 0; k < made.plane_count; k++)
-        strcpy(made.names[k], itn__photo_names[film.channels / 3][k]);
+    for (int k = 0; k < made.plane_count; k++) strcpy(made.names[k], names[film.channels / 3][k]);
     if (!p.known) made.plane_count = film.channels; /* all counts, and nothing is known */
     if (p.result) return itn_image_free(&made), p.result;
     if (report) *report = p.report;
@@ -11185,53 +11159,41 @@ static const char *itn__exr_order(const itn_image *image, int *order) {
 #define ITN__PUT_BYTES(buffer, literal) itn__put(buffer, literal, sizeof literal - 1)
 
 /* An attribute is put as its name, type and size, and then its value. */
-static void itn__exr_put_header(itn__buffer *buffer, const itn_image *image, const int *order) {
-    size_t list = 1, longest = 0;
-    for (int i = 0; i < image->plane_count; i++) {
-        size_t length = strlen(image->names[i]);
-        list += length + 17;
-        if (length > longest) longest = length;
-    }
-    ITN__PUT_BYTES(buffer, "\x76\x2f\x31\x01");
-    itn__put_number(buffer, longest > 31 ? 2 | ITN__EXR_LONG_NAMES : 2, 4, 0);
-    ITN__PUT_BYTES(buffer, "channels\0chlist\0");
-    itn__put_number(buffer, list, 4, 0);
-    for (int i = 0; i < image->plane_count; i++) {
-        const char *name = image->names[order[i]];
-        itn__put(buffer, name, strlen(name) + 1);
-        ITN__PUT_BYTES(buffer, "\2\0\0\0\0\0\0\0\1\0\0\0\1\0\0\0"); /* float; not subsampled */
-    }
-    ITN__PUT_BYTES(buffer, "\0compression\0compression\0\1\0\0\0\0");
-    for (int i = 0; i < 2; i++) {
-        itn__put(buffer, i ? "displayWindow" : "dataWindow", i ? 14 : 11);
-        ITN__PUT_BYTES(buffer, "box2i\0\20\0\0\0\0\0\0\0\0\0\0\0");
-        itn__put_number(buffer, (uint64_t)(image->height - 1) << 32 | (uint64_t)(image->width - 1),
-                        8, 0);
-    }
-    ITN__PUT_BYTES(buffer, "lineOrder\0lineOrder\0\1\0\0\0\0"
-                           "pixelAspectRatio\0float\0\4\0\0\0\0\0\x80\x3f"
-                           "screenWindowCenter\0v2f\0\10\0\0\0\0\0\0\0\0\0\0\0"
-                           "screenWindowWidth\0float\0\4\0\0\0\0\0\x80\x3f\0"); /* and the end */
-}
-
 ITN_API ITN__COLD itn_result itn_image_save_exr(const itn_image *image, const char *path,
                                                 itn_error *error) {
     itn__buffer buffer;
     int order[ITN__EXR_CHANNELS];
     itn_result result = itn__check_image(image, 0, 1, &buffer, error);
     if (result) return result;
-    uint64_t line = (uint64_t)image->width * (uint64_t)image->plane_count * 4;
+    uint64_t width = (uint64_t)image->width, height = (uint64_t)image->height, list = 1;
+    uint64_t line = width * (uint64_t)image->plane_count * 4;
     const char *fault = line > INT_MAX || image->plane_count > ITN__EXR_CHANNELS
                             ? "a line of 2 GiB, or 1025 planes" : itn__exr_order(image, order);
     if (fault) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving an image: %s", fault);
-    itn__exr_put_header(&buffer, image, order);
-    uint64_t start = buffer.size + 8 * (uint64_t)image->height;
-    for (int row = 0; row < image->height && !buffer.failed; row++)
-        itn__put_number(&buffer, start + (uint64_t)row * (line + 8), 8, 0);
-    for (int row = 0; row < image->height && !buffer.failed; row++) {
-        itn__put_number(&buffer, (uint64_t)row | line << 32, 8, 0);
+    for (int i = 0; i < image->plane_count; i++) list += strlen(image->names[i]) + 17;
+    ITN__PUT_BYTES(&buffer, "\x76\x2f\x31\x01\2\4\0\0channels\0chlist\0"); /* 4: long names */
+    itn__put_number(&buffer, list, 4, 0);
+    for (int i = 0; i < image->plane_count; i++) { /* float, not subsampled */
+        itn__put(&buffer, image->names[order[i]], strlen(image->names[order[i]]) + 1);
+        ITN__PUT_BYTES(&buffer, "\2\0\0\0\0\0\0\0\1\0\0\0\1\0\0\0");
+    }
+    ITN__PUT_BYTES(&buffer, "\0compression\0compression\0\1\0\0\0\0");
+    for (int i = 0; i < 2; i++) {
+        itn__put(&buffer, i ? "displayWindow" : "dataWindow", i ? 14 : 11);
+        ITN__PUT_BYTES(&buffer, "box2i\0\20\0\0\0\0\0\0\0\0\0\0\0");
+        itn__put_number(&buffer, (height - 1) << 32 | (width - 1), 8, 0);
+    }
+    ITN__PUT_BYTES(&buffer, "lineOrder\0lineOrder\0\1\0\0\0\0"
+                            "pixelAspectRatio\0float\0\4\0\0\0\0\0\x80\x3f"
+                            "screenWindowCenter\0v2f\0\10\0\0\0\0\0\0\0\0\0\0\0"
+                            "screenWindowWidth\0float\0\4\0\0\0\0\0\x80\x3f\0"); /* and the end */
+    uint64_t start = buffer.size + 8 * height;
+    for (uint64_t row = 0; row < height && !buffer.failed; row++)
+        itn__put_number(&buffer, start + row * (line + 8), 8, 0);
+    for (uint64_t row = 0; row < height && !buffer.failed; row++) {
+        itn__put_number(&buffer, row | line << 32, 8, 0);
         for (int i = 0; i < image->plane_count; i++)
-            itn__put_floats(&buffer, itn__pixel(image, order[i], row, 0), (size_t)image->width);
+            itn__put_floats(&buffer, itn__pixel(image, order[i], (int)row, 0), (size_t)width);
     }
     return itn__write_file(path, &buffer, error);
 }
@@ -11252,9 +11214,9 @@ ITN_API itn_result itn_image_save_pfm(const itn_image *image, int first_plane, i
     return itn__write_file(path, &buffer, error);
 }
 
-/* The 99th percentile (by rank) of the sizes of finite numbers; without signs, negative ones count
-   as 0. It is found bit by bit, as the bits of positive floats are ordered as the floats are. */
-static float itn__percentile99(const float *values, size_t count, int with_signs) {
+/* The scale at which the 99th percentile (by rank) of finite values, or of their sizes, is 1. It is
+   found bit by bit, as the bits of positive floats are ordered as the floats are. */
+static float itn__scale_of(const float *values, size_t count, int with_signs) {
     uint32_t found = 0;
     for (uint32_t bit = 1u << 30; bit; bit >>= 1) {
         float level = itn__float_of(found | bit);
@@ -11265,7 +11227,7 @@ static float itn__percentile99(const float *values, size_t count, int with_signs
         }
         if (below < total - total / 100) found |= bit; /* the percentile is not below */
     }
-    return itn__float_of(found);
+    return itn__float_of(found) >= FLT_MIN ? 1 / itn__float_of(found) : 1;
 }
 
 /* Puts the checksum of a PNG chunk, whose type begins there. */
@@ -11289,12 +11251,10 @@ ITN_API ITN__COLD itn_result itn_image_save_png(const itn_image *image, int firs
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "saving a PNG: mode %d, scale %g or %d x %d pixels", (int)mode,
                          (double)scale, image->width, image->height);
-    if (scale == 0) {
-        float largest = itn__percentile99(itn__pixel(image, first_plane, 0, 0),
-                                          (size_t)plane_count * (size_t)width * (size_t)height,
-                                          mode == ITN_PNG_SIGNED);
-        scale = largest >= FLT_MIN ? 1 / largest : 1;
-    }
+    if (scale == 0)
+        scale = itn__scale_of(itn__pixel(image, first_plane, 0, 0),
+                              (size_t)plane_count * (size_t)width * (size_t)height,
+                              mode == ITN_PNG_SIGNED);
     ITN__PUT_BYTES(&png, "\x89PNG\r\n\x1a\n\0\0\0\15IHDR");
     itn__put_number(&png, width << 32 | height, 8, 1);
     ITN__PUT_BYTES(&png, "\10\2\0\0\0"); /* 8 bits, RGB, deflate, filters, not interlaced */
