@@ -2188,13 +2188,9 @@ typedef char itn__enums_are_ints[sizeof(itn_filter) == sizeof(int) ? 1 : -1];
 
 typedef struct itn__medium {
     char name[ITN_NAME_SIZE];
-    int phase;            /* row of itn__phases */
     int sigma_t[3], g[3]; /* parameters of each channel, or three times the same one */
     int albedo;           /* parameter; that of channel c is albedo + c */
 } itn__medium;
-
-/* Whether the channels have parameters of their own. */
-ITN__INLINE int itn__is_spectral(const int parameter[3]) { return parameter[1] != parameter[0]; }
 
 /* Distances to the next collision; the mean free path is 1 / sigma_t. */
 ITN__INLINE itn__floats itn__sample_flight(itn__floats mean_free_path, itn__floats u) {
@@ -2243,15 +2239,6 @@ static itn__vectors itn__sample_hg(itn__vectors direction, itn__floats g, itn__f
     return itn__vnormalize(itn__vto_world(
         itn__vectors_of(sine * cos_phi, sine * sin_phi, cosine), s, t, direction));
 }
-
-/* The phase functions there are; each has one parameter, g. */
-typedef struct itn__phase {
-    const char *name;
-    itn__num (*eval)(itn__num g, itn__floats x, itn__floats y);
-    itn__vectors (*sample)(itn__vectors direction, itn__floats g, itn__floats u, itn__floats v,
-                           itn__floats *x, itn__floats *y);
-} itn__phase;
-static const itn__phase itn__phases[] = {{"hg", itn__hg, itn__sample_hg}};
 
 /* ---- [surface] Fresnel, rough boundary, diffuse ---------------------------------------------- */
 
@@ -2306,6 +2293,7 @@ typedef struct itn__site {
     itn__vectors i;          /* local, towards where the path came from */
     itn__vectors facet;      /* by which the last direction was drawn */
     int drawn;               /* and that is the one asked about */
+    int edge;                /* only the edge of directions is drawn, see itn__dielectric_edge */
 } itn__site;
 
 /* Value of a parameter there. */
@@ -2329,13 +2317,6 @@ ITN__INLINE itn__num itn__fresnel(itn__num cos_i, itn__num eta, itn__num *cos_t)
     return itn__nselect(refracts, s, one);
 }
 
-/* i refracted at m into the far side, where its cosine with -m is cos_t; both point away from the
-   surface. */
-ITN__INLINE itn__vectors itn__refract(itn__vectors i, itn__vectors m, itn__floats eta,
-                                      itn__floats cos_t) {
-    return itn__valong(itn__vscale(i, -1 / eta), itn__vdot(i, m) / eta - cos_t, m);
-}
-
 /* Share of facets that direction w sees unshadowed (Smith). */
 ITN__INLINE itn__num itn__smith(itn__vectors w, itn__num alpha) {
     itn__floats tan2 = (w.x * w.x + w.y * w.y) / (w.z * w.z), one = itn__splat(1);
@@ -2343,96 +2324,89 @@ ITN__INLINE itn__num itn__smith(itn__vectors w, itn__num alpha) {
     return itn__ndiv(itn__constant(2 * one), itn__naffine(root, one, one));
 }
 
-/* Density of facets with normal m. */
-ITN__INLINE itn__num itn__ggx(const itn__num m[3], itn__num alpha) {
-    itn__num alpha2 = itn__nsquare(alpha);
-    itn__num e = itn__ndiv(itn__nadd(itn__nsquare(m[0]), itn__nsquare(m[1])), alpha2);
-    e = itn__nadd(e, itn__nsquare(m[2]));
-    return itn__ndiv(itn__constant(itn__splat(1 / ITN__PI)), itn__nmul(alpha2, itn__nsquare(e)));
-}
-
-ITN__INLINE itn__num itn__ndot(const itn__num m[3], itn__vectors w) {
-    return itn__nadd(itn__nadd(itn__nscale(m[0], w.x), itn__nscale(m[1], w.y)),
-                     itn__nscale(m[2], w.z));
-}
-
-/* The normal m of the facet that takes i to o. Returns where there is one. Where eta is near 1, all
-   facets refract to about -i, and rounded directions do not tell which it was: pass it as `drawn`
-   (or NULL) where it is known. */
-ITN__INLINE itn__ints itn__facet(itn__vectors i, itn__vectors o, const itn__vectors *drawn,
-                                 itn__num eta, itn__num m[3]) {
-    itn__floats zero = itn__splat(0), one = itn__splat(1), length;
-    itn__ints good, reflects = itn__less(zero, o.z);
-    itn__vectors h = itn__valong(i, itn__select(reflects, one, eta.v), o);
-    length = itn__root(itn__vdot(h, h)), good = itn__less(zero, length);
-    itn__floats scale = itn__with_sign(1 / itn__select(good, length, one), h.z);
-    itn__vectors n = drawn ? *drawn : itn__vscale(h, scale);
-    /* dm/deta: the part of o across m, over the length of h */
-    itn__floats cosine = itn__vdot(n, o), turn = itn__select(reflects, zero, scale) * eta.d;
-    m[0] = itn__num_of(n.x, turn * (o.x - cosine * n.x));
-    m[1] = itn__num_of(n.y, turn * (o.y - cosine * n.y));
-    m[2] = itn__num_of(n.z, turn * (o.z - cosine * n.z));
-    return good & itn__less(zero, itn__vdot(i, n)) & itn__less(zero, cosine * o.z);
-}
-
 /* f cos theta_o of a rough boundary; pdf receives the density with which o is drawn. 0 where no
-   facet takes i to o. drawn: as of itn__facet. */
+   facet n takes i to o. Where eta is near 1, all facets refract to about -i, and rounded directions
+   do not tell which it was: pass it as `drawn` (or NULL) where it is known. */
 static itn__num itn__rough(const itn__vectors *i, const itn__vectors *o,
                            const itn__vectors *drawn, const itn__num *alpha, const itn__num *eta,
                            itn__floats *pdf) {
-    itn__floats zero = itn__splat(0);
-    itn__num one = itn__constant(itn__splat(1)), m[3], cos_t;
-    itn__ints good = itn__facet(*i, *o, drawn, *eta, m);
-    good &= itn__less(zero, i->z);
-    itn__num cos_i = itn__ndot(m, *i), cos_o = itn__ndot(m, *o);
+    itn__floats zero = itn__splat(0), one = itn__splat(1);
+    itn__num unit = itn__constant(one), cos_t, alpha2 = itn__nsquare(*alpha);
+    itn__ints reflects = itn__less(zero, o->z);
+    itn__vectors h = itn__valong(*i, itn__select(reflects, one, eta->v), *o);
+    itn__floats length = itn__root(itn__vdot(h, h));
+    itn__ints good = itn__less(zero, length) & itn__less(zero, i->z);
+    itn__floats scale = itn__with_sign(1 / itn__select(good, length, one), h.z);
+    itn__vectors n = drawn ? *drawn : itn__vscale(h, scale);
+    /* dn/deta: the part of o across n, over the length of h */
+    itn__floats cosine = itn__vdot(n, *o), turn = itn__select(reflects, zero, scale) * eta->d;
+    itn__vectors dn = itn__vscale(itn__valong(*o, -cosine, n), turn);
+    itn__num cos_i = itn__num_of(itn__vdot(*i, n), itn__vdot(*i, dn));
+    itn__num cos_o = itn__num_of(cosine, itn__vdot(*o, dn));
+    good &= itn__less(zero, cos_i.v) & itn__less(zero, cosine * o->z);
+    itn__num across = itn__num_of(n.x * n.x + n.y * n.y, 2 * (n.x * dn.x + n.y * dn.y));
+    itn__num d = itn__nadd(itn__ndiv(across, alpha2), itn__num_of(n.z * n.z, 2 * n.z * dn.z));
+    d = itn__ndiv(itn__constant(one / ITN__PI), itn__nmul(alpha2, itn__nsquare(d)));
     itn__num fresnel = itn__fresnel(cos_i, *eta, &cos_t);
-    itn__num root = itn__nadd(cos_i, itn__nmul(*eta, cos_o));
-    itn__num sent = itn__ndiv(itn__nsquare(*eta), itn__nsquare(root));
-    sent = itn__nmul(sent, itn__nmul(itn__nscale(cos_i, itn__splat(-1)), cos_o)); /* cos_o < 0 */
-    sent = itn__nmul(sent, itn__nsub(one, fresnel));
-    sent = itn__nselect(itn__less(zero, o->z), itn__nscale(fresnel, itn__splat(.25f)), sent);
-    itn__num f = itn__nmul(itn__ggx(m, *alpha), itn__smith(*i, *alpha));
-    f = itn__nscale(itn__nmul(f, sent), 1 / i->z);
+    itn__num sent = itn__ndiv(*eta, itn__nadd(cos_i, itn__nmul(*eta, cos_o)));
+    sent = itn__nmul(itn__nsquare(sent), itn__nsub(unit, fresnel));
+    sent = itn__nmul(sent, itn__nmul(itn__nscale(cos_i, -one), cos_o)); /* cos_o < 0 */
+    sent = itn__nselect(reflects, itn__nscale(fresnel, .25f * one), sent);
+    itn__num f = itn__nmul(itn__nmul(d, itn__smith(*i, *alpha)), itn__nscale(sent, 1 / i->z));
     *pdf = f.v, f = itn__nmul(f, itn__smith(*o, *alpha));
     good &= itn__less(zero, f.v);
     *pdf = itn__select(good, *pdf, zero);
     return itn__nselect(good, f, itn__constant(zero));
 }
 
-/* Draws a facet as direction i sees them: a point on the disc that the hemisphere of facets, made
-   round by stretching, shows to i (Heitz 2018). alpha 0, a smooth boundary, has one facet. */
+/* Draws a facet as direction i sees them. Where facets are stretched to a hemisphere, i becomes w,
+   and what w is mirrored to is even on the cap z > -w.z of the sphere: so a facet is half-way
+   between w and a point of the cap (Dupuy and Benyoub 2023). alpha 0, a smooth boundary, has one
+   facet. */
 static itn__vectors itn__sample_facet(const itn__vectors *i, itn__floats alpha, itn__floats u,
                                       itn__floats v) {
-    itn__floats zero = itn__splat(0), one = itn__splat(1), r = itn__root(u), x, y;
-    itn__ints rough = itn__less(zero, alpha);
-    alpha = itn__select(rough, alpha, one);
+    itn__floats sine, cosine;
     itn__vectors w = itn__vnormalize(itn__vectors_of(alpha * i->x, alpha * i->y, i->z));
-    itn__vsincos_turns(v, &y, &x);
-    x = r * x, y = r * y;
-    itn__floats across = w.x * w.x + w.y * w.y, lit = .5f * (1 + w.z);
-    itn__ints tilted = itn__less(zero, across);
-    across = 1 / itn__root(itn__select(tilted, across, one));
-    itn__vectors s = itn__vectors_of(itn__select(tilted, -w.y * across, one),
-                                     itn__select(tilted, w.x * across, zero), zero);
-    itn__vectors t =
-        itn__vectors_of(w.y * s.z - w.z * s.y, w.z * s.x - w.x * s.z, w.x * s.y - w.y * s.x);
-    y = (1 - lit) * itn__safe_root(1 - x * x) + lit * y;
-    itn__vectors m =
-        itn__vto_world(itn__vectors_of(x, y, itn__safe_root(1 - x * x - y * y)), s, t, w);
-    m = itn__vnormalize(itn__vectors_of(alpha * m.x, alpha * m.y, itn__most(m.z, zero)));
-    return itn__vselect(rough, m, itn__vectors_of(zero, zero, one));
+    itn__floats up = (1 - u) * (1 + w.z), z = up - w.z, r = itn__safe_root(1 - z * z);
+    itn__vsincos_turns(v, &sine, &cosine);
+    alpha = alpha / up;
+    return itn__vnormalize(itn__vectors_of(alpha * (w.x + r * cosine), alpha * (w.y + r * sine),
+                                           itn__splat(1)));
 }
 
 /* Draws o at facet m of a dielectric boundary by u. Returns where the direction comes out on the
    right side (elsewhere light is lost to a second facet). */
 static itn__ints itn__sample_dielectric(const itn__vectors *i, const itn__vectors *m,
                                         itn__floats eta, itn__floats u, itn__vectors *o) {
-    itn__floats zero = itn__splat(0), cos_i = itn__least(itn__vdot(*i, *m), itn__splat(1));
-    itn__num cos_t, fresnel = itn__fresnel(itn__constant(cos_i), itn__constant(eta), &cos_t);
-    itn__ints reflects = itn__less(u, fresnel.v);
-    *o = itn__valong(itn__vscale(*i, itn__splat(-1)), 2 * itn__vdot(*i, *m), *m);
-    *o = itn__vnormalize(itn__vselect(reflects, *o, itn__refract(*i, *m, eta, cos_t.v)));
-    return itn__less(zero, cos_i) & itn__less(zero, itn__select(reflects, o->z, -o->z));
+    itn__floats zero = itn__splat(0), one = itn__splat(1), cosine = itn__vdot(*i, *m);
+    itn__num cos_t, cos_i = itn__constant(itn__least(cosine, one));
+    itn__ints reflects = itn__less(u, itn__fresnel(cos_i, itn__constant(eta), &cos_t).v);
+    itn__floats scale = itn__select(reflects, one, 1 / eta);
+    *o = itn__valong(itn__vscale(*i, -scale),
+                     itn__select(reflects, 2 * cosine, cosine / eta - cos_t.v), *m);
+    *o = itn__vnormalize(*o);
+    return itn__less(zero, cosine) & itn__less(zero, itn__select(reflects, o->z, -o->z));
+}
+
+/* Derivatives by eta have a part that fixed directions miss: the facets' hemisphere ends at
+   m_z = 0, where D is not 0, and as eta grows facets cross that edge. What crosses it per eta is
+   f_t d omega_o = h(m) dm at the edge times the speed dm_z/deta; m is drawn with density 1/pi. */
+static itn__num itn__dielectric_edge(const itn__site *site, const itn__vectors *o,
+                                     itn__floats *pdf) {
+    itn__num alpha = itn__constant(itn__splat(site->theta[site->surface->alpha])), cos_t;
+    itn__floats zero = itn__splat(0), eta = site->eta.v, cosine = itn__vdot(site->i, site->facet);
+    itn__floats sent = 1 - itn__fresnel(itn__constant(cosine), itn__constant(eta), &cos_t).v;
+    itn__floats speed = o->z / (cosine - eta * cos_t.v); /* of m_z, m = i + eta o, normalized */
+    itn__floats h = sent * alpha.v * alpha.v / ITN__PI * cosine / site->i.z;
+    h = h * itn__smith(site->i, alpha).v * itn__smith(*o, alpha).v;
+    *pdf = itn__splat(1 / ITN__PI);
+    return itn__num_of(zero, itn__select(itn__less(zero, sent), h * speed * site->eta.d, zero));
+}
+static itn__vectors itn__sample_edge(itn__vectors i, itn__floats u) {
+    itn__floats sine, cosine, scale = 1 / itn__root(i.x * i.x + i.y * i.y);
+    itn__vsincos_turns(.5f * (u - .5f), &sine, &cosine);
+    return itn__vectors_of((i.x * cosine - i.y * sine) * scale,
+                           (i.y * cosine + i.x * sine) * scale, itn__splat(0));
 }
 
 static void itn__dielectric_eval(const itn__site *site, const itn__vectors *o, itn__num f[3],
@@ -2440,6 +2414,8 @@ static void itn__dielectric_eval(const itn__site *site, const itn__vectors *o, i
     if (site->smooth) {
         *pdf = itn__splat(site->drawn ? INFINITY : 0);
         f[0] = itn__constant(itn__splat(site->drawn));
+    } else if (site->edge) {
+        f[0] = itn__dielectric_edge(site, o, pdf);
     } else {
         itn__num alpha = itn__site_value(site, site->surface->alpha);
         f[0] = itn__rough(&site->i, o, site->drawn ? &site->facet : NULL, &alpha, &site->eta, pdf);
@@ -2447,34 +2423,11 @@ static void itn__dielectric_eval(const itn__site *site, const itn__vectors *o, i
     f[1] = f[2] = f[0];
 }
 static itn__ints itn__dielectric_sample(itn__site *site, const itn__floats u[3], itn__vectors *o) {
-    float alpha = site->smooth ? 0 : site->theta[site->surface->alpha];
-    site->facet = itn__sample_facet(&site->i, itn__splat(alpha), u[0], u[1]);
-    return itn__sample_dielectric(&site->i, &site->facet, site->eta.v, u[2], o);
-}
-
-/* Derivatives by eta have a part that fixed directions miss: the facets' hemisphere ends at
-   m_z = 0, where D is not 0, and as eta grows facets cross that edge. What crosses it per eta is
-   f_t d omega_o = h(m) dm at the edge times the speed dm_z/deta; m is drawn with density 1/pi. */
-static itn__ints itn__dielectric_edge(const itn__site *site, itn__floats u, itn__vectors *o,
-                                      itn__num f[3], itn__floats *pdf) {
-    itn__floats zero = itn__splat(0), eta = site->eta.v, sine, cosine, across;
-    itn__num alpha = itn__constant(itn__splat(site->theta[site->surface->alpha])), cos_t;
-    itn__vectors i = site->i;
-    itn__ints good;
-    across = itn__root(i.x * i.x + i.y * i.y), good = itn__less(zero, across);
-    itn__vsincos_turns(.5f * (u - .5f), &sine, &cosine);
-    itn__vectors m = itn__vscale(
-        itn__vectors_of(i.x * cosine - i.y * sine, i.y * cosine + i.x * sine, zero), 1 / across);
-    cosine = itn__vdot(i, m);
-    itn__num fresnel = itn__fresnel(itn__constant(cosine), site->eta, &cos_t);
-    *o = itn__refract(i, m, eta, cos_t.v);
-    good &= itn__less(zero, cosine) & itn__less(fresnel.v, itn__splat(1)) & itn__less(o->z, zero);
-    itn__floats speed = o->z / (cosine - eta * cos_t.v); /* of m_z, m = i + eta o, normalized */
-    itn__floats h = (1 - fresnel.v) * alpha.v * alpha.v / ITN__PI * cosine / i.z;
-    h = h * itn__smith(i, alpha).v * itn__smith(*o, alpha).v;
-    f[0] = f[1] = f[2] = itn__num_of(zero, itn__select(good, h * speed * site->eta.d, zero));
-    *pdf = itn__splat(1 / ITN__PI);
-    return good;
+    itn__floats alpha = itn__splat(site->smooth ? 0 : site->theta[site->surface->alpha]);
+    site->facet = site->edge ? itn__sample_edge(site->i, u[0])
+                             : itn__sample_facet(&site->i, alpha, u[0], u[1]);
+    return itn__sample_dielectric(&site->i, &site->facet, site->eta.v,
+                                  site->edge ? itn__splat(1) : u[2], o);
 }
 
 /* Draws o with density cos theta / pi. */
@@ -2519,8 +2472,8 @@ static itn__ints itn__diffuse_sample(itn__site *site, const itn__floats u[3], it
       f = 0 and pdf = 0, but while site->drawn f / pdf and INFINITY.
    4. Add a row here, the last one: what it is called in files, its fields (see [fields]), flags,
       and the two. A reflectance as of diffuse is ITN__REFLECTANCE, the first of the fields, and
-      ITN__TEXTURED. edge, or NULL: draws what derivatives by eta have at the edge of directions, as
-      a slope; the value is 0.
+      ITN__TEXTURED. ITN__EDGE: while site->edge, sample draws what derivatives by eta have at the
+      edge of directions, and eval gives it as a slope; the value is 0.
    Scene files, checks, parameters, both walks and derivatives then know it. What a parameter is
    stands in its field's form: S for a reflectance, a factor of all that leaves (below .01 only the
    reference differentiates in it), N for an index. What refracts is more than a row: solids,
@@ -2528,7 +2481,8 @@ static itn__ints itn__diffuse_sample(itn__site *site, const itn__floats u[3], it
 enum {
     ITN__OPAQUE = 1,  /* nothing goes through */
     ITN__FACETS = 2,  /* smooth unless alpha is given */
-    ITN__TEXTURED = 4 /* has ITN__REFLECTANCE */
+    ITN__TEXTURED = 4, /* has ITN__REFLECTANCE */
+    ITN__EDGE = 8 /* where it is rough */
 };
 #define ITN__REFLECTANCE                                                                           \
     ITN__VALUE(surface, reflectance, "013cS", ITN_LOGIT, 0, 1, 0),                                 \
@@ -2539,16 +2493,14 @@ typedef struct itn__bsdf {
     unsigned flags;
     void (*eval)(const itn__site *site, const itn__vectors *o, itn__num f[3], itn__floats *pdf);
     itn__ints (*sample)(itn__site *site, const itn__floats u[3], itn__vectors *o);
-    itn__ints (*edge)(const itn__site *site, itn__floats u, itn__vectors *o, itn__num f[3],
-                      itn__floats *pdf);
 } itn__bsdf;
 static const itn__bsdf itn__bsdfs[] = {
     {{ITN__MARK("type", "o!", "dielectric"),
       ITN__VALUE(surface, ior, "1fN", ITN_LOGIT, 1, 4, 1.5f),
       ITN__VALUE(surface, alpha, "1f", ITN_LOG, .001f, 1, 0)},
-     ITN__FACETS, itn__dielectric_eval, itn__dielectric_sample, itn__dielectric_edge},
+     ITN__FACETS | ITN__EDGE, itn__dielectric_eval, itn__dielectric_sample},
     {{ITN__REFLECTANCE, ITN__MARK("type", "o!", "diffuse")},
-     ITN__OPAQUE | ITN__TEXTURED, itn__diffuse_eval, itn__diffuse_sample, NULL}};
+     ITN__OPAQUE | ITN__TEXTURED, itn__diffuse_eval, itn__diffuse_sample}};
 
 /* A local factor of paths in each channel, and its slopes by those of its parameters that are asked
    for, the seeds; slots[k] is the place of seed k among all that are asked for. */
@@ -2574,7 +2526,7 @@ static void itn__site_make(itn__site *site, const itn__surface *surface, const f
     int facets = (itn__bsdfs[surface->type].flags & ITN__FACETS) != 0;
     site->surface = surface, site->theta = theta, site->channels = channels;
     site->smooth = facets && !(surface->alpha >= 0 && theta[surface->alpha] > 0);
-    site->seed = site->after = site->before = -1, site->touch = site->drawn = 0;
+    site->seed = site->after = site->before = -1, site->touch = site->drawn = site->edge = 0;
     site->eta = itn__constant(itn__splat(1)), site->second = itn__splat_int(0);
     site->texel[0] = site->texel[1] = site->texel[2] = itn__splat(1);
     site->frame[2] = *n;
@@ -2593,24 +2545,18 @@ static void itn__site_seeds(const itn__site *site, const int *slots, itn__factor
     if (site->before >= 0) itn__add_seed(f, site->before, slots[site->before]);
 }
 
-/* From here slopes are by this parameter (-1: none). */
-static void itn__site_seed(itn__site *site, int parameter) {
-    float before = site->before >= 0 ? site->theta[site->before] : 1;
-    site->seed = parameter, site->eta.d = itn__splat(0);
-    if (parameter < 0) return;
-    if (parameter == site->after) site->eta.d = itn__splat(1 / before);
-    if (parameter == site->before) site->eta.d = -site->eta.v / before;
-}
-
 /* f of a site for local directions o, with a slope by each seed that f names; while drawn, over the
    density pdf. */
 static void itn__site_factor(itn__site *site, const itn__vectors *o, itn__factor *f,
                              itn__floats *pdf) {
     itn__num value[3];
-    itn__floats zero = itn__splat(0), scale = itn__splat(1);
+    itn__floats zero = itn__splat(0), scale = itn__splat(1), inverse = scale;
     int k = f->count ? 0 : -1;
+    if (site->before >= 0) inverse = itn__splat(1 / site->theta[site->before]);
     do {
-        itn__site_seed(site, k < 0 ? -1 : f->seeds[k]);
+        site->seed = k < 0 ? -1 : f->seeds[k], site->eta.d = zero;
+        if (k >= 0 && site->seed == site->after) site->eta.d = inverse;
+        if (k >= 0 && site->seed == site->before) site->eta.d = -site->eta.v * inverse;
         itn__bsdfs[site->surface->type].eval(site, o, value, pdf);
         if (site->drawn && !site->smooth)
             scale = 1 / itn__select(itn__less(zero, *pdf), *pdf, itn__splat(1));
@@ -2720,47 +2666,58 @@ ITN__NOINLINE void itn__map_coordinates(itn__towards *to) {
     to->v = itn__vatan2(to->sine, to->d.y) * (1 / ITN__PI);
 }
 /* The reverse. */
-ITN__NOINLINE void itn__map_directions(itn__towards *to) {
-    itn__floats sine, cosine;
-    itn__vsincos_turns(to->u, &sine, &cosine);
-    itn__vsincos_turns(to->v * .5f, &to->sine, &to->d.y);
-    to->d.x = sine * to->sine, to->d.z = -cosine * to->sine;
+ITN__NOINLINE itn__vectors itn__map_directions(itn__floats u, itn__floats v) {
+    itn__floats sine, cosine, across, up;
+    itn__vsincos_turns(u, &sine, &cosine);
+    itn__vsincos_turns(v * .5f, &across, &up);
+    return itn__vectors_of(sine * across, up, -cosine * across);
 }
 
-/* Cells of a grid of nodes: numbers of the node at the top left and of its right neighbour, and
-   the place in the cell. The row below is `width` nodes further. */
-typedef struct itn__cells {
-    itn__ints left, right, mask;
-    itn__floats fx, fy;
-} itn__cells;
+/* Four nodes of a grid around places on it, and their shares in the value there. */
+typedef struct itn__corners {
+    itn__ints at[4];
+    itn__floats share[4];
+} itn__corners;
 
-/* Finds them on a grid with column c at u = (c + .5)/width, wrapping; row r at v = bottom
-   r/(height - 1). */
-static itn__cells itn__grid_locate(int width, int height, float bottom, const itn__towards *to) {
-    itn__cells cell;
-    itn__floats zero = itn__splat(0), one = itn__splat(1);
-    itn__floats x = to->u * (float)width - .5f, y = to->v / bottom * (float)(height - 1);
-    x = itn__most(itn__select(itn__less(x, zero), x + (float)width, x), zero); /* also from NaN */
-    y = itn__most(y, zero);
-    itn__ints column = itn__int_least(itn__to_ints(x), itn__splat_int(width - 1));
-    itn__ints row = itn__int_least(itn__to_ints(y), itn__splat_int(height - 2));
-    itn__ints next = (column + 1) & itn__int_less(column, itn__splat_int(width - 1));
-    cell.left = row * width + column, cell.right = row * width + next, cell.mask = to->mask;
-    cell.fx = itn__least(x - itn__to_floats(column), one);
-    cell.fy = itn__least(y - itn__to_floats(row), one);
-    return cell;
+/* Those around column x and row y, where nodes have whole numbers. Columns repeat, rows may. */
+static itn__corners itn__corners_at(itn__floats x, itn__floats y, int width, int height,
+                                    int rows_repeat) {
+    itn__corners corners;
+    itn__ints at[2][2], none = itn__splat_int(0);
+    itn__floats part[2], zero = itn__splat(0);
+    for (int k = 0; k < 2; k++) {
+        int count = k ? height : width, repeat = !k || rows_repeat;
+        itn__ints last = itn__splat_int(count - 1);
+        itn__floats p = k ? y : x;
+        if (repeat) p = itn__select(itn__less(p, zero), p + (float)count, p);
+        p = itn__least(itn__most(p, zero), itn__splat((float)count)); /* also from NaN */
+        at[k][0] = itn__int_least(itn__to_ints(p), last);
+        at[k][1] = itn__select_int(itn__int_less(at[k][0], last), at[k][0] + 1,
+                                   repeat ? none : last);
+        part[k] = itn__least(p - itn__to_floats(at[k][0]), itn__splat(1));
+    }
+    for (int k = 0; k < 4; k++) {
+        corners.at[k] = at[1][k / 2] * width + at[0][k % 2];
+        corners.share[k] =
+            (k / 2 ? part[1] : 1 - part[1]) * (k % 2 ? part[0] : 1 - part[0]);
+    }
+    return corners;
 }
 
-/* The value there, between those of the nodes around; `stride` numbers stand at a node. */
-static itn__floats itn__between(const float *nodes, int width, int stride,
-                                const itn__cells *cell) {
-    itn__floats zero = itn__splat(0);
-    itn__ints left = cell->left * stride, right = cell->right * stride, mask = cell->mask;
-    const float *below = nodes + (size_t)width * (size_t)stride;
-    itn__floats a = itn__gather(nodes, left, mask, zero), b = itn__gather(nodes, right, mask, zero);
-    itn__floats c = itn__gather(below, left, mask, zero), d = itn__gather(below, right, mask, zero);
-    a = a + cell->fx * (b - a), c = c + cell->fx * (d - c);
-    return a + cell->fy * (c - a);
+/* Around directions: column c is at u = (c + .5)/width, row r at v = bottom r/(height - 1). */
+static itn__corners itn__grid_corners(int width, int height, float bottom,
+                                      const itn__towards *to) {
+    return itn__corners_at(to->u * (float)width - .5f, to->v / bottom * (float)(height - 1), width,
+                           height, 0);
+}
+
+/* The value there; `stride` numbers stand at a node. */
+static itn__floats itn__between(const float *nodes, int stride, const itn__corners *corners) {
+    itn__floats sum = itn__splat(0), none = sum;
+    for (int k = 0; k < 4; k++)
+        sum += corners->share[k] *
+               itn__gather(nodes, corners->at[k] * stride, itn__splat_int(-1), none);
+    return sum;
 }
 
 /* First entries of increasing sums[first ... first + count - 1] that are above u times the last, u
@@ -2791,8 +2748,7 @@ static itn__floats itn__sample_tent(itn__floats u) {
 }
 
 /* Draws directions by the grid of a light. The tents of the first and the last row are folded. */
-static void itn__grid_sample(const itn__light *light, itn__floats u, itn__floats v,
-                             itn__towards *to) {
+static itn__vectors itn__grid_sample(const itn__light *light, itn__floats u, itn__floats v) {
     const itn__grid *grid = &light->grid;
     int width = grid->width, height = grid->height;
     float last = (float)(height - 1);
@@ -2800,32 +2756,24 @@ static void itn__grid_sample(const itn__light *light, itn__floats u, itn__floats
     itn__ints node = itn__pick(grid->nodes, row * width, width, u, &u);
     u = (itn__to_floats(node) + .5f + itn__sample_tent(u)) * (1 / (float)width);
     v = itn__absolute(itn__to_floats(row) + itn__sample_tent(v));
-    to->u = u - itn__to_floats(itn__floor_ints(u));
-    to->v = itn__least(v, 2 * last - v) * (grid->bottom / last);
-    itn__map_directions(to);
+    return itn__map_directions(u - itn__to_floats(itn__floor_ints(u)),
+                               itn__least(v, 2 * last - v) * (grid->bottom / last));
 }
 
 /* Density over solid angle of these draws. */
 static itn__floats itn__grid_pdf(const itn__light *light, const itn__towards *to) {
     const itn__grid *grid = &light->grid;
-    itn__cells cell = itn__grid_locate(grid->width, grid->height, grid->bottom, to);
-    itn__floats density = itn__between(grid->density, grid->width, 1, &cell);
+    itn__corners corners = itn__grid_corners(grid->width, grid->height, grid->bottom, to);
+    itn__floats density = itn__between(grid->density, 1, &corners);
     itn__ints inside = itn__less_equal(to->v, itn__splat(grid->bottom)) &
                        itn__less(itn__splat(0), to->sine);
     return itn__select(inside, density / (2 * ITN__PI * ITN__PI * to->sine), itn__splat(0));
 }
 
-static void itn__constant_radiance(const itn__light *light, int channels, const itn__towards *to,
-                                   itn__floats rgb[3]) {
-    (void)to;
-    for (int k = 0; k < channels; k++) rgb[k] = itn__splat(light->radiance[k]);
-}
-
 static void itn__map_radiance(const itn__light *light, int channels, const itn__towards *to,
                               itn__floats rgb[3]) {
-    itn__cells cell = itn__grid_locate(light->width, light->height, 1, to);
-    for (int k = 0; k < channels; k++)
-        rgb[k] = itn__between(light->map + k, light->width, 3, &cell);
+    itn__corners corners = itn__grid_corners(light->width, light->height, 1, to);
+    for (int k = 0; k < channels; k++) rgb[k] = itn__between(light->map + k, 3, &corners);
 }
 
 /* 1 - cos of the angles from the sun. */
@@ -2859,21 +2807,20 @@ static itn__ints itn__in_sun(const itn__light *light, const itn__towards *to) {
     float rim = light->sun_cone + 4 * FLT_EPSILON * sqrtf(light->sun_cone);
     return itn__less_equal(itn__from_sun(light, to->d), itn__splat(rim));
 }
-static void itn__sun_radiance(const itn__light *light, int channels, const itn__towards *to,
-                              itn__floats rgb[3]) {
-    itn__ints in = itn__in_sun(light, to);
+/* A constant light, or a sun. */
+static void itn__constant_radiance(const itn__light *light, int channels, const itn__towards *to,
+                                   itn__floats rgb[3]) {
+    itn__ints in = light->sun_cone > 0 ? itn__in_sun(light, to) : itn__splat_int(-1);
     for (int k = 0; k < channels; k++)
         rgb[k] = itn__select(in, itn__splat(light->radiance[k]), itn__splat(0));
 }
-static void itn__sun_sample(const itn__light *light, itn__floats u, itn__floats v,
-                            itn__towards *to) {
+static itn__vectors itn__sun_sample(const itn__light *light, itn__floats u, itn__floats v) {
     itn__vectors axis = itn__splat_vector(light->to_sun), s, t;
     itn__floats x = u * light->sun_cone, sine = itn__root(x * (2 - x)), sin_phi, cos_phi;
     itn__vsincos_turns(v, &sin_phi, &cos_phi);
     itn__vframe(axis, &s, &t);
-    to->d = itn__vnormalize(itn__vto_world(itn__vectors_of(sine * cos_phi, sine * sin_phi, 1 - x),
-                                           s, t, axis));
-    itn__map_coordinates(to);
+    return itn__vnormalize(itn__vto_world(
+        itn__vectors_of(sine * cos_phi, sine * sin_phi, 1 - x), s, t, axis));
 }
 static itn__floats itn__sun_pdf(const itn__light *light, const itn__towards *to) {
     return itn__select(itn__in_sun(light, to), itn__splat(1 / (2 * ITN__PI * light->sun_cone)),
@@ -2883,13 +2830,13 @@ static itn__floats itn__sun_pdf(const itn__light *light, const itn__towards *to)
 /* The lights there are. A new one is a kind and a row: its fields, see [fields]; its radiance
    without its scale, in the film's channels; how directions to it are drawn by two uniforms, and
    their density over solid angle, or NULL if it is never sampled (strength 0). Map coordinates are
-   known to all three where some light of the scene has a grid. The sun of a sky is a light of its
-   own, the one after it. */
+   known to radiance and pdf where some light of the scene has a grid. The sun of a sky is a light
+   of its own, the one after it. */
 typedef struct itn__light_model {
     itn__field fields[ITN__MOST_FIELDS + 1]; /* the last has no name */
     void (*radiance)(const itn__light *light, int channels, const itn__towards *to,
                      itn__floats rgb[3]);
-    void (*sample)(const itn__light *light, itn__floats u, itn__floats v, itn__towards *to);
+    itn__vectors (*sample)(const itn__light *light, itn__floats u, itn__floats v);
     itn__floats (*pdf)(const itn__light *light, const itn__towards *to);
 } itn__light_model;
 #define ITN__LIGHT_SCALE(name, light)                                                              \
@@ -2911,7 +2858,7 @@ static const itn__light_model itn__light_models[] = {
       ITN__WORD("name", light, name, "w")},
      itn__sky_radiance, itn__grid_sample, itn__grid_pdf},
     {{ITN__MARK(NULL, NULL, NULL)},
-     itn__sun_radiance, itn__sun_sample, itn__sun_pdf}};
+     itn__constant_radiance, itn__sun_sample, itn__sun_pdf}};
 
 /* Radiance of a light, without its scale, in one direction. */
 static void itn__light_radiance(const itn__light *light, int channels, itn_vec3 d, float rgb[3]) {
@@ -2991,6 +2938,7 @@ struct itn_scene {
     float radius;     /* of the solids (of everything, if there are none) */
     itn_vec3 lower, upper; /* their box, less the origin, and a little around it */
     int spectral;     /* some medium has a sigma_t or g for each channel */
+    int last_sampled; /* of lights that are sampled; -1: none is */
     int leaky;        /* some solid is open or tangled, taken by force */
     void **kept;      /* [ITN__KEPT] each NULL or kept: tables ([voxels]), and ITN__SCRATCH */
 };
@@ -3099,7 +3047,7 @@ static itn_ray itn__camera_ray(const itn__camera *camera, int x, int y, float u,
    that behind all. Light that it throws back crosses none, light that goes through crosses all.
 
    What a caller does: itn__next_hit finds a face, itn__meet_faces tells what that is to light (an
-   event), and then itn__cross_faces or itn__throw_back changes the place. */
+   event), and then itn__leave_faces changes the place. */
 
 enum { ITN__MOST_FACES = 8 }; /* of different solids in one point, and remembered */
 
@@ -3115,11 +3063,6 @@ typedef struct itn__place {
 /* How far behind itself a ray may find a wall that it should have met. */
 ITN__INLINE float itn__slack(const itn_scene *scene, itn_vec3 p) {
     return 4 * FLT_EPSILON * itn__max(itn__max_abs(p), scene->radius);
-}
-
-/* Goes to the other side of a closed object. */
-ITN__INLINE void itn__change_side(itn__sides *sides, int object) {
-    sides->front ^= itn__object_bit(object), sides->back ^= itn__object_bit(object);
 }
 
 /* Of the objects that a walk with these sides is inside of, the last in the list: its medium fills
@@ -3308,7 +3251,7 @@ static itn__event itn__meet_faces(const itn_scene *scene, const float *theta,
     event.object = -1;
     for (int k = 0; k < event.count; k++) {
         object = itn__face_triangle(scene, event.faces[k])->object;
-        itn__change_side(&sides, object);
+        sides.front ^= itn__object_bit(object), sides.back ^= itn__object_bit(object);
         if (object > event.object) event.object = object;
     }
     event.after = itn__innermost(scene, &sides, 1);
@@ -3318,26 +3261,21 @@ static itn__event itn__meet_faces(const itn_scene *scene, const float *theta,
     return event;
 }
 
-/* Notes that the walk is thrown back at `point`: up from a sheet or an opaque face; by a boundary
-   up from a sheet there, or down to it if that threw it here. */
-static void itn__throw_back(const itn_scene *scene, itn__place *place, const itn__event *event,
-                            itn_vec3 point) {
-    int from_sheet = place->sides.flush > 0 && place->sides.thrown;
-    if (scene->sides.front & scene->sides.back) /* there are sheets */
-        itn__begin_at(&place->sides, itn__face_triangle(scene, event->faces[0]), point,
-                      !from_sheet || itn__is_opaque(scene, event->object));
-}
-
-/* Notes that it goes through all faces of an event at `point`. */
-static void itn__cross_faces(const itn_scene *scene, itn__place *place, const itn__event *event,
-                             itn_vec3 point) {
-    for (int k = 0; k < event->count; k++) {
-        itn__change_side(&place->sides, itn__face_triangle(scene, event->faces[k])->object);
+/* A walk leaves the faces of an event at `point`: through all of them, or thrown back, up
+   from a sheet or an opaque face; by a boundary up from a sheet there, or down to it if that threw
+   it here. */
+static void itn__leave_faces(const itn_scene *scene, itn__place *place, const itn__event *event,
+                             itn_vec3 point, int through) {
+    int sheets = (scene->sides.front & scene->sides.back) != 0, flush = place->sides.flush > 0;
+    int up = !through && (!(flush && place->sides.thrown) || itn__is_opaque(scene, event->object));
+    for (int k = 0; k < event->count && through; k++) {
+        uint64_t bit = itn__object_bit(itn__face_triangle(scene, event->faces[k])->object);
+        place->sides.front ^= bit, place->sides.back ^= bit;
         place->crossed[place->crossed_count++ % ITN__MOST_FACES] = event->faces[k];
     }
-    if ((scene->sides.front & scene->sides.back) && !(place->sides.flush > 0))
-        itn__begin_at(&place->sides, itn__face_triangle(scene, event->faces[0]), point, 0);
-    itn__settle(scene, place);
+    if (sheets && !(through && flush))
+        itn__begin_at(&place->sides, itn__face_triangle(scene, event->faces[0]), point, up);
+    if (through) itn__settle(scene, place);
 }
 
 /* How far a ray goes until it has left the box of all solids. */
@@ -3351,11 +3289,10 @@ static float itn__way_out(const itn_scene *scene, itn_vec3 p, itn_vec3 d) {
 
 /* Leaves all solids, by a hole of one, where their box ends: there is nothing of them ahead. */
 static void itn__leave_solids(const itn_scene *scene, itn__place *place) {
-    int object;
-    while ((object = itn__innermost(scene, &place->sides, 0)) >= 0)
-        itn__change_side(&place->sides, object);
-    place->inside = place->refracting = -1;
+    uint64_t inside = place->sides.back & ~place->sides.front;
+    place->sides.front ^= inside, place->sides.back ^= inside;
     itn__leave_behind(place);
+    itn__settle(scene, place);
 }
 
 /* ---- [throughput] what a path carries -------------------------------------------------------- */
@@ -3375,17 +3312,16 @@ static void itn__leave_solids(const itn_scene *scene, itn__place *place) {
    not defined, but the derivative is: by the product rule it is the factor's own derivative times
    all other factors. `zero` marks a path that has met one such factor: beta is the product of the
    others, `score` the derivative of that factor; it adds to derivatives only, and a second zero
-   ends it. */
+   ends it.
 
-/* Heroes. Where sigma_t or g differ from channel to channel, flights and turns are drawn with those
+   Heroes. Where sigma_t or g differ from channel to channel, flights and turns are drawn with those
    of one channel, the hero: in turn, the first drawn for each pixel (Wilkie et al. 2014). Every
-   channel k could have drawn the same path, with its own density p_k; so p is the mean of the p_k,
-   the density of all of them together (the balance heuristic over heroes, Veach 1997). With
-   share_k = p_k / sum_j p_j of the path so far, a choice that channel k makes with density q_k has
-   the density q = sum_k share_k q_k, and then share_k becomes share_k q_k / q. Once a choice is
-   made, it does not matter who is the hero: the weights of shadow rays and directions use q, so
-   that they add up to 1 in every channel. Scores are those of f_c: a sigma_t or g of one channel
-   changes nothing in the others. */
+   channel k could have drawn the same path, with its own density p_k; so p is the mean of the p_k
+   (the balance heuristic over heroes, Veach 1997). With share_k = p_k / sum_j p_j of the path so
+   far, a choice that channel k makes with density q_k has the density q = sum_k share_k q_k, and
+   then share_k becomes share_k q_k / q. The weights of shadow rays and directions use q, so that
+   they add up to 1 in every channel. Scores are those of f_c: a sigma_t or g of one channel changes
+   nothing in the others. */
 
 typedef struct itn__weight {
     float beta[3];
@@ -3393,14 +3329,15 @@ typedef struct itn__weight {
     float *score; /* [channels][score_count] */
 } itn__weight;
 
-/* The four texels around a place on an image, and their shares in its value there. */
-typedef struct itn__corners {
+/* What a path adds to the derivatives by the values of an image. A texture or a map light has many
+   values, but a path touches few. Each place where it meets the texture asked for becomes a
+   parameter of the path, shared by four texels; so is what comes from a direction of a map. What a
+   path adds goes to sums as it ends. */
+enum { ITN__TOUCHES = 64, ITN__TOUCH = -2 }; /* most at a time; the first one's parameter */
+typedef struct itn__touch {
     int at[4];
     float share[4];
-} itn__corners;
-
-/* What a path adds to the derivatives by the values of an image, see below. */
-enum { ITN__TOUCHES = 64, ITN__TOUCH = -2 }; /* most at a time; the first one's parameter */
+} itn__touch;
 typedef struct itn__texels {
     const itn__surface *texture; /* one of these */
     const itn__light *map;
@@ -3409,7 +3346,7 @@ typedef struct itn__texels {
     int *touched;  /* [channels * count] which of them are not 0 */
     int touched_count;
     double *sums, *squares; /* [channels * count] of what paths add */
-    itn__corners place[ITN__TOUCHES]; /* where the path has met the texture */
+    itn__touch place[ITN__TOUCHES]; /* where the path has met the texture */
     int place_count;
 } itn__texels;
 
@@ -3443,10 +3380,8 @@ ITN__INLINE int itn__slot(const itn__walk *walk, int parameter) {
 static void itn__factor_make(const itn__walk *walk, const int parameter[3], const itn__num g[3],
                              itn__factor *f) {
     f->count = 0;
-    for (int c = 0; c < itn__channels(walk); c++) {
-        itn__add_seed(f, parameter[c], itn__slot(walk, parameter[c]));
-        f->value[c] = g[c].v;
-    }
+    for (int c = 0; c < itn__channels(walk); c++)
+        itn__add_seed(f, parameter[c], itn__slot(walk, parameter[c])), f->value[c] = g[c].v;
     for (int k = 0; k < f->count; k++)
         for (int c = 0; c < itn__channels(walk); c++)
             f->slope[k][c] = f->seeds[k] == parameter[c] ? g[c].d : itn__splat(0);
@@ -3470,139 +3405,80 @@ static void itn__weigh(const itn__walk *walk, itn__weight *weight, const itn__fa
     }
 }
 
-/* Density of a choice that channel k, with its parameter[k], makes with density pdf[k]. At least
-   FLT_MIN, so that quotients by it stay finite on a path that hardly any hero would go. */
-static float itn__mixture(const itn__walk *walk, const int parameter[3], const float pdf[3]) {
+/* Density of a choice that channel k makes with density pdf[k]. At least FLT_MIN, so that quotients
+   by it stay finite on a path that hardly any hero would go. */
+static float itn__mixture(const itn__walk *walk, const float pdf[3]) {
     const float *share = walk->share;
-    if (!itn__is_spectral(parameter)) return pdf[0];
+    if (!walk->scene->spectral) return pdf[0];
     return itn__max(share[0] * pdf[0] + share[1] * pdf[1] + share[2] * pdf[2], FLT_MIN);
 }
 
 /* Makes that choice: multiplies the path's weight by f / density, and learns from it who the hero
    may be. Returns the density. */
-static float itn__weigh_choice(itn__walk *walk, const itn__factor *f, const float pdf[3],
-                               const int parameter[3]) {
-    float density = itn__mixture(walk, parameter, pdf);
+static float itn__weigh_choice(itn__walk *walk, const itn__factor *f, const float pdf[3]) {
+    float density = itn__mixture(walk, pdf);
     itn__weigh(walk, &walk->weight, f, density);
-    for (int k = 0; k < 3 && itn__is_spectral(parameter); k++) walk->share[k] *= pdf[k] / density;
+    for (int k = 0; k < 3 && walk->scene->spectral; k++) walk->share[k] *= pdf[k] / density;
     return density;
 }
 
-/* The values of an image, of a texture or of a map light, are parameters too, as many as they are,
-   but a path touches few. Each place where it meets the texture asked for becomes a parameter of
-   the path for a while, shared by four texels; so is what comes from a direction of a map. What a
-   path adds to the derivatives by these goes to sums as it ends. Textures are looked up here, too,
-   for all renders. */
-
-/* The two texels beside x of `count`, which repeat or end, and the place between them. */
-static void itn__beside(float x, int count, int repeat, int at[2], float *between) {
-    if (x < 0 && repeat) x += (float)count;
-    at[0] = x > 0 ? (int)x : 0; /* also from NaN */
-    if (at[0] > count - 1) at[0] = count - 1;
-    at[1] = at[0] + 1 < count ? at[0] + 1 : repeat ? 0 : at[0];
-    *between = itn__clamp(x - (float)at[0], 0, 1);
+/* Where a hit is on a surface's texture: on an image the column and the row, whole numbers in the
+   middles of texels; on a checker, x != 0 says the second colour. (s, t) are those of the mesh,
+   else the scene's x and z; (0, 0) is the lower left corner of an image, (1, 1) the upper right. */
+static void itn__texture_place(const itn_scene *scene, const itn__object *object,
+                               const itn_hit *hit, itn_vec3 point, float *x, float *y) {
+    const itn__surface *surface = &scene->surfaces[object->surface];
+    float size = surface->checker_size, w = 1 - hit->u - hit->v;
+    float s = (float)(point.x + scene->origin[0]), t = (float)(point.z + scene->origin[2]);
+    if (object->uvs) {
+        const float *uv = object->uvs + 6 * (size_t)(hit->triangle - object->first_triangle);
+        s = w * uv[0] + hit->u * uv[2] + hit->v * uv[4];
+        t = w * uv[1] + hit->u * uv[3] + hit->v * uv[5];
+    }
+    *x = (s - floorf(s)) * (float)surface->width - .5f;
+    *y = (1 - (t - floorf(t))) * (float)surface->height - .5f;
+    if (surface->texture == ITN_TEXTURE_CHECKER)
+        *x = fmodf(floorf(s / size) + floorf(t / size), 2);
 }
 
-/* The texels around a place x columns to the right and y rows down. */
-static itn__corners itn__corners_at(float x, float y, int width, int height, int rows_repeat) {
-    itn__corners corners;
-    int row[2], column[2];
-    itn__beside(x, width, 1, column, &x);
-    itn__beside(y, height, rows_repeat, row, &y);
-    for (int k = 0; k < 4; k++) {
-        corners.at[k] = row[k / 2] * width + column[k % 2];
-        corners.share[k] = (k / 2 ? y : 1 - y) * (k % 2 ? x : 1 - x);
-    }
+/* Sets a site to what its texture is at (x, y). Returns where an image has that. */
+static itn__corners itn__site_texture(itn__site *site, itn__floats x, itn__floats y) {
+    const itn__surface *surface = site->surface;
+    itn__corners corners = itn__corners_at(x, y, surface->width, surface->height, 1);
+    if (surface->texture == ITN_TEXTURE_CHECKER)
+        site->second = ~itn__less_equal(itn__absolute(x), itn__splat(0));
+    else
+        for (int c = 0; c < 3; c++)
+            site->texel[c] = itn__between(surface->texels + c, 3, &corners);
     return corners;
 }
 
-/* Of a map in direction d. */
-static itn__corners itn__map_corners(const itn__light *light, itn_vec3 d) {
-    itn__towards to;
-    to.d = itn__splat_vector(d);
-    itn__map_coordinates(&to);
-    return itn__corners_at(ITN__LANE(to.u, 0) * (float)light->width - .5f,
-                           ITN__LANE(to.v, 0) * (float)(light->height - 1), light->width,
-                           light->height, 0);
-}
-
-/* Of an image texture at coordinates (s, t): (0, 0) is its lower left corner, (1, 1) its upper
-   right one. */
-static itn__corners itn__texture_corners(const itn__surface *surface, float s, float t) {
-    return itn__corners_at((s - floorf(s)) * (float)surface->width - .5f,
-                           (1 - (t - floorf(t))) * (float)surface->height - .5f, surface->width,
-                           surface->height, 1);
-}
-
-/* A path's derivative by texels grows by value times their shares. */
-static void itn__add_texels(itn__texels *texels, int c, const itn__corners *corners, float value) {
+static itn__touch itn__touch_of(const itn__corners *corners) {
+    itn__touch touch;
     for (int k = 0; k < 4; k++) {
-        int at = c * texels->count + corners->at[k];
-        float part = value * corners->share[k];
-        if (!(part > 0)) continue; /* none is negative */
-        if (texels->path[at] == 0) texels->touched[texels->touched_count++] = at;
-        texels->path[at] += part;
+        touch.at[k] = ITN__LANE(corners->at[k], 0);
+        touch.share[k] = ITN__LANE(corners->share[k], 0);
     }
+    return touch;
 }
 
-/* Sets a lane of a site to what the surface's texture is at (s, t). */
-static void itn__site_texture(itn__site *site, int lane, float s, float t) {
-    const itn__surface *surface = site->surface;
-    float size = surface->checker_size;
-    if (surface->texture == ITN_TEXTURE_CHECKER)
-        ITN__LANE(site->second, lane) = -(fmodf(floorf(s / size) + floorf(t / size), 2) != 0);
-    if (surface->texture != ITN_TEXTURE_IMAGE) return;
-    itn__corners corners = itn__texture_corners(surface, s, t);
-    for (int c = 0; c < 3; c++) {
-        float texel = 0;
-        for (int k = 0; k < 4; k++)
-            texel += corners.share[k] * surface->texels[3 * (size_t)corners.at[k] + (size_t)c];
-        ITN__LANE(site->texel[c], lane) = texel;
-    }
-}
-
-/* Texture coordinates of a hit: the mesh's own, else the scene's x and z. */
-static void itn__texture_coordinates(const itn_scene *scene, int object, const itn_hit *hit,
-                                     itn_vec3 point, float *s, float *t) {
-    const itn__object *o = &scene->objects[object];
-    *s = (float)(point.x + scene->origin[0]), *t = (float)(point.z + scene->origin[2]);
-    if (o->uvs) {
-        const float *uv = o->uvs + 6 * (size_t)(hit->triangle - o->first_triangle);
-        float w = 1 - hit->u - hit->v;
-        *s = w * uv[0] + hit->u * uv[2] + hit->v * uv[4];
-        *t = w * uv[1] + hit->u * uv[3] + hit->v * uv[5];
-    }
-}
-
-/* Of a path that has met the texture too often, every other place is forgotten, by chance, and the
-   scores of the others count twice. */
-static void itn__forget_places(itn__walk *walk) {
-    itn__texels *texels = walk->texels;
-    int kept = 0;
-    for (int k = 0; k < texels->place_count; k++) {
-        if (itn__uniform(&walk->rng) < .5f) continue;
-        texels->place[kept] = texels->place[k];
-        for (int c = 0; c < itn__channels(walk); c++) {
-            float *score = walk->weight.score + c * walk->score_count + walk->count;
-            score[kept] = 2 * score[k];
-        }
-        kept++;
-    }
-    texels->place_count = kept;
-}
-
-/* If the derivative by this texture is asked for, what it is at (s, t) becomes a parameter, a seed
-   of the site's factor f. */
-static void itn__touch_texture(itn__walk *walk, itn__site *site, float s, float t,
+/* If the derivative by this texture is asked for, what it is at the corners becomes a parameter, a
+   seed of the site's factor f. Of a path that has met it too often, every other place is forgotten,
+   by chance, and the scores of the others count twice. */
+static void itn__touch_texture(itn__walk *walk, itn__site *site, const itn__corners *corners,
                                itn__factor *f) {
     itn__texels *texels = walk->texels;
-    int k;
     if (!texels || texels->texture != site->surface) return;
-    while (texels->place_count == ITN__TOUCHES) itn__forget_places(walk);
-    k = texels->place_count++, texels->place[k] = itn__texture_corners(site->surface, s, t);
-    for (int c = 0; c < itn__channels(walk); c++)
-        walk->weight.score[c * walk->score_count + walk->count + k] = 0;
-    site->touch = ITN__TOUCH - k;
+    int forget = texels->place_count == ITN__TOUCHES, odd = 0, k = texels->place_count++;
+    if (forget) odd = itn__uniform(&walk->rng) < .5f, k = ITN__TOUCHES / 2;
+    for (int j = 0; j < k && forget; j++) texels->place[j] = texels->place[2 * j + odd];
+    for (int c = 0; c < itn__channels(walk); c++) {
+        float *score = walk->weight.score + c * walk->score_count + walk->count;
+        for (int j = 0; j < k && forget; j++) score[j] = 2 * score[2 * j + odd];
+        score[k] = 0;
+    }
+    texels->place[k] = itn__touch_of(corners);
+    texels->place_count = k + 1, site->touch = ITN__TOUCH - k;
     itn__add_seed(f, site->touch, walk->count + k);
 }
 
@@ -3627,7 +3503,7 @@ static itn__towards itn__towards_of(const itn_scene *scene, const itn__vectors *
 /* Density with which itn__draw_lights draws these. */
 static itn__floats itn__lights_density(const itn_scene *scene, const itn__towards *to) {
     itn__floats pdf = itn__splat(0);
-    for (int i = 0; i < scene->light_count; i++) {
+    for (int i = 0; i <= scene->last_sampled; i++) {
         const itn__light *light = &scene->lights[i];
         if (light->share > 0) pdf += light->share * itn__light_models[light->kind].pdf(light, to);
     }
@@ -3640,23 +3516,29 @@ static void itn__draw_lights(const itn_scene *scene, const itn__floats u[3], itn
                              itn__towards *to, itn__floats *pdf) {
     itn__floats choice = u[0], half = itn__splat(.5f);
     itn__floats v = itn__select(mask, u[1], half), w = itn__select(mask, u[2], half);
+    itn__vectors d = itn__splat_vector(itn__vec3(0, 1, 0));
     itn__ints rest = mask;
-    itn__towards drawn;
-    int last = scene->light_count - 1;
-    to->mask = mask, to->d = itn__splat_vector(itn__vec3(0, 1, 0));
-    to->u = to->v = to->sine = itn__splat(0);
-    while (last > 0 && !(scene->lights[last].share > 0)) last--; /* takes what rounding leaves */
-    for (int i = 0; i <= last; i++) {
+    for (int i = 0; i <= scene->last_sampled; i++) { /* the last takes what rounding leaves */
         const itn__light *light = &scene->lights[i];
-        itn__ints chosen = i < last ? rest & itn__less(choice, itn__splat(light->share)) : rest;
+        itn__ints chosen = rest;
+        if (i < scene->last_sampled) chosen &= itn__less(choice, itn__splat(light->share));
         choice -= light->share, rest &= ~chosen;
-        if (!(light->share > 0) || !itn__mask_bits(chosen)) continue;
-        itn__light_models[light->kind].sample(light, v, w, &drawn);
-        to->d = itn__vselect(chosen, drawn.d, to->d), to->u = itn__select(chosen, drawn.u, to->u);
-        to->v = itn__select(chosen, drawn.v, to->v);
-        to->sine = itn__select(chosen, drawn.sine, to->sine);
+        if (light->share > 0 && itn__mask_bits(chosen))
+            d = itn__vselect(chosen, itn__light_models[light->kind].sample(light, v, w), d);
     }
+    *to = itn__towards_of(scene, &d, mask);
     *pdf = itn__select(mask, itn__lights_density(scene, to), itn__splat(0));
+}
+
+/* A path's derivative in channel c by an image grows by value times the shares of its texels. */
+static void itn__add_texels(itn__texels *texels, int c, const itn__touch *touch, float value) {
+    for (int k = 0; k < 4; k++) {
+        int at = c * texels->count + touch->at[k];
+        float part = value * touch->share[k];
+        if (!(part > 0)) continue; /* none is negative */
+        if (texels->path[at] == 0) texels->touched[texels->touched_count++] = at;
+        texels->path[at] += part;
+    }
 }
 
 /* Adds `plain` times a parameter to the path's radiance in channel c, and to its derivatives. */
@@ -3677,47 +3559,51 @@ ITN__INLINE float itn__exposure(const itn_scene *scene, const float *theta, int 
     return theta[scene->camera.exposure[c]];
 }
 
-/* Adds beta l e: l is a light's radiance in direction d times `mis`, e the exposure. */
-static void itn__contribute(itn__walk *walk, const itn__weight *weight, const itn__light *light,
-                            itn_vec3 d, float mis) {
-    int of_map = walk->texels && walk->texels->map == light;
-    itn__corners corners = ITN_ZERO;
-    float rgb[3];
-    itn__light_radiance(light, itn__channels(walk), d, rgb);
-    if (of_map) corners = itn__map_corners(light, d);
-    for (int c = 0; c < itn__channels(walk); c++) {
-        float carried = weight->beta[c] * mis * itn__exposure(walk->scene, walk->theta, c);
-        itn__add_light(walk, weight, c, carried * rgb[c], light->parameter);
-        if (of_map && !weight->zero[c])
-            itn__add_texels(walk->texels, c, &corners, carried * walk->theta[light->parameter]);
+/* Adds beta l e: l is the radiance of the lights in a direction, of those that are sampled times
+   `sampled`, of others times `others`; e is the exposure. */
+static void itn__contribute(itn__walk *walk, const itn__weight *weight, const itn__towards *to,
+                            float sampled, float others) {
+    for (int i = 0; i < walk->scene->light_count; i++) {
+        const itn__light *light = &walk->scene->lights[i];
+        float mis = light->share > 0 ? sampled : others;
+        int of_map = walk->texels && walk->texels->map == light;
+        itn__touch touch = ITN_ZERO;
+        itn__floats rgb[3];
+        if (mis == 0) continue;
+        itn__light_models[light->kind].radiance(light, itn__channels(walk), to, rgb);
+        if (of_map) {
+            itn__corners corners = itn__grid_corners(light->width, light->height, 1, to);
+            touch = itn__touch_of(&corners);
+        }
+        for (int c = 0; c < itn__channels(walk); c++) {
+            float carried = weight->beta[c] * mis * itn__exposure(walk->scene, walk->theta, c);
+            itn__add_light(walk, weight, c, carried * ITN__LANE(rgb[c], 0), light->parameter);
+            if (of_map && !weight->zero[c])
+                itn__add_texels(walk->texels, c, &touch, carried * walk->theta[light->parameter]);
+        }
     }
 }
 
-/* Draws a direction to a light; pdf receives its density. Returns 0 where no light is sampled. */
-static int itn__draw_light(itn__walk *walk, itn_vec3 *direction, float *pdf) {
-    const itn_scene *scene = walk->scene;
-    itn__towards to;
-    itn__floats u[3], density;
-    int i = 0;
-    while (i < scene->light_count && !(scene->lights[i].share > 0)) i++;
-    if (i == scene->light_count) return 0;
-    for (int k = 0; k < 3; k++) u[k] = itn__splat(itn__uniform(&walk->rng));
-    itn__draw_lights(scene, u, itn__bits_mask(1), &to, &density);
-    *direction = itn__lane_vector(&to.d, 0), *pdf = ITN__LANE(density, 0);
-    return *pdf > 0;
-}
-
-/* Factor of a flight over t in each channel: the transmittance, times sigma_t if it ended in a
-   collision. */
-static void itn__flight_factor(const itn__walk *walk, const itn__medium *medium, float t,
-                               int collided, itn__factor *f) {
+/* Multiplies a weight by the factor of a flight over t: the transmittance, times sigma_t if it
+   collided. Of one that was drawn, at rate[c] by channel c, divides by the density of that. */
+static void itn__weigh_flight(itn__walk *walk, itn__weight *weight, const itn__medium *medium,
+                              const float *rate, float t, int collided) {
+    itn__factor f;
     itn__num g[3];
+    float pdf[3] = {1, 1, 1};
+    if (rate && !walk->scene->spectral && rate[0] == walk->theta[medium->sigma_t[0]] &&
+        itn__slot(walk, medium->sigma_t[0]) < 0)
+        return; /* f = pdf */
+    t = itn__clamp(t, 0, FLT_MAX);
     for (int c = 0; c < itn__channels(walk); c++) {
         itn__num sigma_t = itn__variable(itn__splat(walk->theta[medium->sigma_t[c]]));
         g[c] = itn__transmittance(sigma_t, itn__splat(t));
         if (collided) g[c] = itn__nmul(g[c], sigma_t);
+        if (rate) pdf[c] = expf(-rate[c] * t) * (collided ? rate[c] : 1);
     }
-    itn__factor_make(walk, medium->sigma_t, g, f);
+    itn__factor_make(walk, medium->sigma_t, g, &f);
+    if (rate) itn__weigh_choice(walk, &f, pdf);
+    else itn__weigh(walk, weight, &f, 1);
 }
 
 /* Carries the connection from `ray` to the lights: transmittance through media and index-matched
@@ -3727,31 +3613,34 @@ static int itn__connect_visible(itn__walk *walk, itn_ray ray) {
     const itn_scene *scene = walk->scene;
     for (;;) {
         const itn__medium *medium = itn__medium_of(scene, walk->place.inside);
-        itn__factor f;
         itn_hit hit;
         ray.tmax = INFINITY;
         int met = itn__next_hit(walk->scene, &walk->place, &ray, &hit);
-        if (!met && !medium) return 1;
         if (!met) hit.t = itn__way_out(scene, ray.origin, ray.direction);
-        if (medium) {
-            itn__flight_factor(walk, medium, itn__max(hit.t, 0), 0, &f);
-            itn__weigh(walk, &walk->connection, &f, 1);
-        }
+        if (medium) itn__weigh_flight(walk, &walk->connection, medium, NULL, hit.t, 0);
         if (!met) return 1;
         itn__event event = itn__meet_faces(scene, walk->theta, &walk->place, &ray, &hit);
         if (event.object >= 0) return 0;
         ray.origin = itn__passed_point(scene->bvh, ray.origin, ray.direction, &hit);
-        itn__cross_faces(scene, &walk->place, &event, ray.origin);
+        itn__leave_faces(scene, &walk->place, &event, ray.origin, 1);
     }
 }
 
-/* Sends a shadow ray, whose weight is the path's times the vertex's f over the light's pdf. `pdf`
-   is the density with which the vertex itself would draw the direction. If the vertex is at a
-   surface, `event` is what it meets there, and `through` whether the direction goes through it. */
-static void itn__connect(itn__walk *walk, itn_vec3 origin, itn_vec3 direction,
+/* Draws a direction to a light. Returns its density, 0 where there is none. */
+static float itn__draw_light(itn__walk *walk, itn__towards *to) {
+    itn__floats u[3], pdf;
+    if (walk->scene->last_sampled < 0) return 0;
+    for (int k = 0; k < 3; k++) u[k] = itn__splat(itn__uniform(&walk->rng));
+    itn__draw_lights(walk->scene, u, itn__bits_mask(1), to, &pdf);
+    return ITN__LANE(pdf, 0);
+}
+
+/* Sends a shadow ray there; its weight is the path's times the vertex's f over light_pdf. `pdf` is
+   the density with which the vertex itself would draw the direction. If the vertex is at a surface,
+   `event` is what it meets there, and `through` whether the direction goes through it. */
+static void itn__connect(itn__walk *walk, itn_vec3 origin, const itn__towards *to,
                          const itn__event *event, int through, const itn__factor *f, float pdf,
                          float light_pdf) {
-    const itn_scene *scene = walk->scene;
     itn__place place = walk->place;
     float *score = walk->connection.score;
     itn_ray ray;
@@ -3759,36 +3648,31 @@ static void itn__connect(itn__walk *walk, itn_vec3 origin, itn_vec3 direction,
     memcpy(score, walk->weight.score,
            (size_t)(walk->channels * walk->score_count) * sizeof *score);
     itn__weigh(walk, &walk->connection, f, light_pdf);
-    if (event && through) itn__cross_faces(scene, &walk->place, event, origin);
-    else if (event) itn__throw_back(scene, &walk->place, event, origin);
-    ray.origin = origin, ray.direction = direction;
-    int visible = itn__connect_visible(walk, ray);
+    if (event) itn__leave_faces(walk->scene, &walk->place, event, origin, through);
+    ray.origin = origin, ray.direction = itn__lane_vector(&to->d, 0);
+    if (itn__connect_visible(walk, ray))
+        itn__contribute(walk, &walk->connection, to, light_pdf / (light_pdf + pdf), 0);
     walk->place = place;
-    for (int i = 0; i < scene->light_count && visible; i++)
-        if (scene->lights[i].share > 0)
-            itn__contribute(walk, &walk->connection, &scene->lights[i], direction,
-                            light_pdf / (light_pdf + pdf));
 }
 
 /* A path that leaves the scene adds the lights in its direction, with the weight of having met a
    sampled light by chance; or the background if this is its first step. */
 static void itn__escape(itn__walk *walk, itn_vec3 direction) {
     itn__vectors d = itn__splat_vector(direction);
-    int background = walk->scene->camera.background, i;
+    itn__towards to = itn__towards_of(walk->scene, &d, itn__bits_mask(1));
+    int background = walk->scene->camera.background;
     float mis = 1;
-    for (i = 0; i < itn__channels(walk) && walk->steps == 1 && background >= 0; i++)
-        itn__add_light(walk, &walk->weight, i, itn__exposure(walk->scene, walk->theta, i),
-                       background + i);
-    if (i > 0) return;
+    if (walk->steps == 1 && background >= 0) {
+        for (int c = 0; c < itn__channels(walk); c++)
+            itn__add_light(walk, &walk->weight, c, itn__exposure(walk->scene, walk->theta, c),
+                           background + c);
+        return;
+    }
     if (itn__finite(walk->pdf)) {
-        itn__towards to = itn__towards_of(walk->scene, &d, itn__bits_mask(1));
         itn__floats pdf = itn__lights_density(walk->scene, &to);
         mis = walk->pdf / (walk->pdf + ITN__LANE(pdf, 0));
     }
-    for (i = 0; i < walk->scene->light_count; i++) {
-        const itn__light *light = &walk->scene->lights[i];
-        itn__contribute(walk, &walk->weight, light, direction, light->share > 0 ? mis : 1);
-    }
+    itn__contribute(walk, &walk->weight, &to, mis, 1);
 }
 
 /* Rate at which each channel draws collisions: sigma_t itself; 0 outside of media and after the
@@ -3806,72 +3690,46 @@ static void itn__collision_rates(const itn__walk *walk, const itn__medium *mediu
     }
 }
 
-/* Multiplies the weight by f / pdf of a flight over t that was drawn at these rates. */
-static void itn__weigh_flight(itn__walk *walk, const itn__medium *medium, const float rate[3],
-                              float t, int collided) {
-    int spectral = itn__is_spectral(medium->sigma_t);
-    itn__factor f;
-    float pdf[3];
-    if (!spectral && rate[0] == walk->theta[medium->sigma_t[0]] &&
-        itn__slot(walk, medium->sigma_t[0]) < 0)
-        return; /* f = pdf */
-    t = itn__min(t, FLT_MAX);
-    itn__flight_factor(walk, medium, t, collided, &f);
-    for (int c = 0; c < (spectral ? 3 : 1); c++)
-        pdf[c] = expf(-rate[c] * t) * (collided ? rate[c] : 1);
-    itn__weigh_choice(walk, &f, pdf, medium->sigma_t);
-}
-
-/* Phase function of each channel for the angle from one direction to another, as a factor and as
-   densities. */
+/* Phase function of each channel for the angle with 1 - cosine x and 1 + cosine y: as a factor, and
+   as the density with which each channel draws it. */
 static void itn__phase_factor(const itn__walk *walk, const itn__medium *medium, itn__floats x,
                               itn__floats y, itn__factor *f, float pdf[3]) {
     itn__num g[3];
     for (int c = 0; c < itn__channels(walk); c++) {
-        g[c] = itn__variable(itn__splat(walk->theta[medium->g[c]]));
-        g[c] = itn__phases[medium->phase].eval(g[c], x, y);
+        g[c] = itn__hg(itn__variable(itn__splat(walk->theta[medium->g[c]])), x, y);
         pdf[c] = ITN__LANE(g[c].v, 0);
     }
     itn__factor_make(walk, medium->g, g, f);
 }
 
-/* Multiplies the path's weight by the albedo. */
-static void itn__weigh_albedo(itn__walk *walk, const itn__medium *medium) {
-    int parameter[3];
-    itn__num g[3];
-    itn__factor f;
-    for (int c = 0; c < itn__channels(walk); c++) {
-        parameter[c] = medium->albedo + c;
-        g[c] = itn__variable(itn__splat(walk->theta[parameter[c]]));
-    }
-    itn__factor_make(walk, parameter, g, &f);
-    itn__weigh(walk, &walk->weight, &f, 1);
-}
-
-/* A collision at the origin of the ray: a shadow ray, then a new direction. Returns 0 at the end of
-   the path. */
-static int itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ray) {
-    float light_pdf, pdf[3], g = walk->theta[medium->g[walk->place.hero]];
+/* A collision at the origin of the ray: the albedo, a shadow ray, then a new direction. */
+static void itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ray) {
+    float pdf[3], turn = walk->theta[medium->g[walk->place.hero]];
+    int albedo[3];
     itn__vectors d = itn__splat_vector(ray->direction);
-    itn_vec3 direction;
+    itn__towards to;
     itn__floats x, y;
     itn__factor f;
+    itn__num g[3];
     walk->collisions++, walk->scatterings++;
-    itn__weigh_albedo(walk, medium);
-    if (itn__draw_light(walk, &direction, &light_pdf)) {
-        itn__vectors other = itn__splat_vector(direction);
-        x = itn__vone_minus_cosine(d, other);
-        y = itn__vone_minus_cosine(d, itn__vscale(other, itn__splat(-1)));
+    for (int c = 0; c < itn__channels(walk); c++) {
+        albedo[c] = medium->albedo + c;
+        g[c] = itn__variable(itn__splat(walk->theta[albedo[c]]));
+    }
+    itn__factor_make(walk, albedo, g, &f);
+    itn__weigh(walk, &walk->weight, &f, 1);
+    float light_pdf = itn__draw_light(walk, &to);
+    if (light_pdf > 0) {
+        x = itn__vone_minus_cosine(d, to.d);
+        y = itn__vone_minus_cosine(d, itn__vscale(to.d, itn__splat(-1)));
         itn__phase_factor(walk, medium, x, y, &f, pdf);
-        itn__connect(walk, ray->origin, direction, NULL, 0, &f, itn__mixture(walk, medium->g, pdf),
-                     light_pdf);
+        itn__connect(walk, ray->origin, &to, NULL, 0, &f, itn__mixture(walk, pdf), light_pdf);
     }
     itn__floats u = itn__splat(itn__uniform(&walk->rng)), v = itn__splat(itn__uniform(&walk->rng));
-    d = itn__phases[medium->phase].sample(d, itn__splat(g), u, v, &x, &y);
+    d = itn__sample_hg(d, itn__splat(turn), u, v, &x, &y);
     ray->direction = itn__lane_vector(&d, 0);
     itn__phase_factor(walk, medium, x, y, &f, pdf);
-    walk->pdf = itn__weigh_choice(walk, &f, pdf, medium->g);
-    return 1;
+    walk->pdf = itn__weigh_choice(walk, &f, pdf);
 }
 
 /* The site of a path on a surface with normal n, and what its slopes are by. */
@@ -3879,9 +3737,10 @@ static void itn__site_begin(itn__walk *walk, const itn_ray *ray, const itn_hit *
                             const itn__event *event, itn_vec3 n, itn__site *site,
                             itn__factor *f) {
     const itn_scene *scene = walk->scene;
-    const itn__surface *surface = &scene->surfaces[scene->objects[event->object].surface];
+    const itn__object *object = &scene->objects[event->object];
+    const itn__surface *surface = &scene->surfaces[object->surface];
     itn__vectors normal = itn__splat_vector(n), d = itn__splat_vector(ray->direction);
-    float before = itn__ior(scene, walk->theta, walk->place.refracting), s, t;
+    float before = itn__ior(scene, walk->theta, walk->place.refracting), x, y;
     itn__site_make(site, surface, walk->theta, itn__channels(walk), &normal, &d);
     site->after = itn__ior_parameter(scene, event->after);
     site->before = itn__ior_parameter(scene, walk->place.refracting);
@@ -3889,41 +3748,20 @@ static void itn__site_begin(itn__walk *walk, const itn_ray *ray, const itn_hit *
     f->count = 0;
     if (walk->count) itn__site_seeds(site, walk->slots, f);
     if (surface->texture == ITN_TEXTURE_NONE) return;
-    itn__texture_coordinates(scene, event->object, hit, ray->origin, &s, &t);
-    itn__site_texture(site, 0, s, t);
-    itn__touch_texture(walk, site, s, t, f);
+    itn__texture_place(scene, object, hit, ray->origin, &x, &y);
+    itn__corners corners = itn__site_texture(site, itn__splat(x), itn__splat(y));
+    itn__touch_texture(walk, site, &corners, f);
 }
 
-/* Where a derivative by an index is asked for and can still be felt, a path is chosen by chance for
-   the edge of directions (itn__dielectric_edge): it then carries only that derivative, as a factor
-   of value 0. Returns 1 if it is, or -1 if nothing crosses the edge there. */
-static int itn__choose_edge(itn__walk *walk, itn__site *site, itn__factor *f, itn_vec3 *direction,
-                            int *through) {
-    const itn__bsdf *bsdf = &itn__bsdfs[site->surface->type];
-    itn__vectors o;
-    itn__floats pdf;
-    itn__ints good = itn__splat_int(0);
-    itn__num g[3];
-    int felt = 0;
+/* Where a derivative by an index is asked for, chance chooses paths for the edge of directions
+   (itn__dielectric_edge): these then carry only that derivative, as a factor of value 0. */
+static void itn__choose_edge(itn__walk *walk, itn__site *site) {
+    int seen = itn__slot(walk, site->after) >= 0 || itn__slot(walk, site->before) >= 0;
+    if (!seen || site->smooth || !(itn__bsdfs[site->surface->type].flags & ITN__EDGE)) return;
+    float chance = .1f / itn__square((float)++walk->boundaries); /* less often at each boundary */
+    site->edge = itn__uniform(&walk->rng) < chance;
     for (int c = 0; c < itn__channels(walk); c++)
-        felt |= !walk->weight.zero[c] && walk->weight.beta[c] > 0;
-    if (itn__slot(walk, site->after) < 0 && itn__slot(walk, site->before) < 0) felt = 0;
-    if (site->smooth || !bsdf->edge || !felt) return 0;
-    float chosen = .1f / itn__square((float)++walk->boundaries); /* less often at each boundary */
-    if (!(itn__uniform(&walk->rng) < chosen)) {
-        for (int c = 0; c < itn__channels(walk); c++) walk->weight.beta[c] /= 1 - chosen;
-        return 0;
-    }
-    itn__floats u = itn__splat(itn__uniform(&walk->rng));
-    for (int k = 0; k < f->count; k++) {
-        itn__site_seed(site, f->seeds[k]);
-        good = bsdf->edge(site, u, &o, g, &pdf);
-        for (int c = 0; c < itn__channels(walk); c++) f->value[c] = g[c].v, f->slope[k][c] = g[c].d;
-    }
-    itn__weigh(walk, &walk->weight, f, ITN__LANE(pdf, 0) * chosen);
-    o = itn__vto_world(o, site->frame[0], site->frame[1], site->frame[2]);
-    *direction = itn__lane_vector(&o, 0), *through = 1, walk->pdf = INFINITY;
-    return ITN__LANE(good, 0) ? 1 : -1;
+        walk->weight.beta[c] /= site->edge ? chance : 1 - chance;
 }
 
 /* A surface that light feels, with normal n towards the walk: a shadow ray, then a new direction.
@@ -3932,33 +3770,26 @@ static int itn__scatter_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hi
                                 const itn__event *event, itn_vec3 n) {
     itn__site site;
     itn__factor f;
-    itn_vec3 direction;
+    itn__towards to;
     itn__vectors d;
     itn__floats u[3], pdf;
     itn__ints through;
-    float light_pdf;
-    int crosses;
     itn__site_begin(walk, ray, hit, event, n, &site, &f);
-    if (!site.smooth && itn__draw_light(walk, &direction, &light_pdf)) {
-        d = itn__splat_vector(direction);
-        itn__bsdf_eval(&site, &d, &f, &pdf, &through);
+    float light_pdf = site.smooth ? 0 : itn__draw_light(walk, &to);
+    if (light_pdf > 0) {
+        itn__bsdf_eval(&site, &to.d, &f, &pdf, &through);
         if (ITN__LANE(pdf, 0) > 0)
-            itn__connect(walk, ray->origin, direction, event, ITN__LANE(through, 0), &f,
+            itn__connect(walk, ray->origin, &to, event, ITN__LANE(through, 0), &f,
                          ITN__LANE(pdf, 0), light_pdf);
     }
-    int edge = itn__choose_edge(walk, &site, &f, &direction, &crosses);
-    if (edge < 0) return 0;
-    if (!edge) {
-        for (int k = 0; k < 3; k++) u[k] = itn__splat(itn__uniform(&walk->rng));
-        itn__ints good = itn__bsdf_sample(&site, u, &d, &f, &pdf, &through);
-        if (!ITN__LANE(good, 0)) return 0;
-        itn__weigh(walk, &walk->weight, &f, 1);
-        direction = itn__lane_vector(&d, 0), crosses = ITN__LANE(through, 0);
-        walk->pdf = ITN__LANE(pdf, 0);
-    }
-    if (crosses) itn__cross_faces(walk->scene, &walk->place, event, ray->origin);
-    else itn__throw_back(walk->scene, &walk->place, event, ray->origin);
-    ray->direction = itn__normalize(direction);
+    itn__choose_edge(walk, &site);
+    for (int k = 0; k < 3; k++) u[k] = itn__splat(itn__uniform(&walk->rng));
+    itn__ints good = itn__bsdf_sample(&site, u, &d, &f, &pdf, &through);
+    if (!ITN__LANE(good, 0)) return 0;
+    itn__weigh(walk, &walk->weight, &f, 1);
+    walk->pdf = site.edge ? INFINITY : ITN__LANE(pdf, 0);
+    itn__leave_faces(walk->scene, &walk->place, event, ray->origin, ITN__LANE(through, 0));
+    ray->direction = itn__normalize(itn__lane_vector(&d, 0));
     return 1;
 }
 
@@ -3973,7 +3804,7 @@ static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) 
         return itn__scatter_surface(walk, ray, hit, &event, n);
     }
     ray->origin = itn__passed_point(scene->bvh, origin, ray->direction, hit);
-    itn__cross_faces(scene, &walk->place, &event, ray->origin);
+    itn__leave_faces(scene, &walk->place, &event, ray->origin, 1);
     return 1;
 }
 
@@ -3997,58 +3828,25 @@ ITN__INLINE uint32_t itn__many_draws_in(const itn_scene *scene, float sigma_t) {
     return sigma_t * scene->radius < 1e-5f ? ITN__MANY_DRAWS_CLEAR : ITN__MANY_DRAWS;
 }
 
-/* The same where a walk is: outside of all, it may have come from any medium. */
-static uint32_t itn__many_draws(const itn_scene *scene, const float *theta,
-                                const itn__place *place) {
-    const itn__medium *medium = itn__medium_of(scene, place->inside);
-    float sigma_t = medium ? theta[medium->sigma_t[place->hero]] : 0;
-    for (int k = 0; k < 3 * scene->medium_count && !medium && place->refracting < 0; k++)
-        sigma_t = itn__max(sigma_t, theta[scene->media[k / 3].sigma_t[k % 3]]);
-    return itn__many_draws_in(scene, sigma_t);
-}
-
 static int itn__roulette(itn__walk *walk) {
-    float largest = 0, survival = 1;
+    const itn_scene *scene = walk->scene;
+    const itn__medium *medium = itn__medium_of(scene, walk->place.inside);
+    float largest = 0, survival = 1, sigma_t = 0;
     for (int c = 0; c < itn__channels(walk); c++) largest = itn__max(largest, walk->weight.beta[c]);
     if (walk->steps++ >= walk->sheltered && !(largest >= ITN__ROULETTE * ITN__SAME_WEIGHT))
         survival = largest / ITN__ROULETTE;
-    if (walk->rng.dimension > ITN__MANY_DRAWS_CLEAR &&
-        walk->rng.dimension > itn__many_draws(walk->scene, walk->theta, &walk->place))
-        survival *= 1 - ITN__LATE_LOSS / (float)walk->rng.dimension;
+    if (walk->rng.dimension > ITN__MANY_DRAWS_CLEAR) {
+        if (medium) sigma_t = walk->theta[medium->sigma_t[walk->place.hero]];
+        else if (walk->place.refracting < 0) /* outside of all, it may have come from any medium */
+            for (int k = 0; k < 3 * scene->medium_count; k++)
+                sigma_t = itn__max(sigma_t, walk->theta[scene->media[k / 3].sigma_t[k % 3]]);
+        if (walk->rng.dimension > itn__many_draws_in(scene, sigma_t))
+            survival *= 1 - ITN__LATE_LOSS / (float)walk->rng.dimension;
+    }
     if (survival >= 1) return 1;
     if (!(itn__uniform(&walk->rng) < survival)) return 0;
     for (int c = 0; c < itn__channels(walk); c++) walk->weight.beta[c] /= survival;
     return 1;
-}
-
-/* Follows one path from the camera to its end. */
-static void itn__trace_path(itn__walk *walk, itn_ray ray) {
-    while (itn__roulette(walk)) {
-        const itn__medium *medium = itn__medium_of(walk->scene, walk->place.inside);
-        float rates[3], flight = INFINITY, way = INFINITY;
-        itn_hit hit;
-        itn__collision_rates(walk, medium, rates);
-        float rate = rates[walk->place.hero];
-        if (rate > 0) {
-            itn__floats u = itn__splat(itn__uniform(&walk->rng));
-            u = itn__sample_flight(itn__splat(1 / rate), u), flight = ITN__LANE(u, 0);
-        }
-        if (medium) way = itn__way_out(walk->scene, ray.origin, ray.direction);
-        ray.tmax = itn__min(flight, way);
-        if (itn__next_hit(walk->scene, &walk->place, &ray, &hit)) {
-            if (medium) itn__weigh_flight(walk, medium, rates, itn__max(hit.t, 0), 0);
-            if (!itn__meet_surface(walk, &ray, &hit)) return;
-            continue;
-        }
-        if (!medium) {
-            itn__escape(walk, ray.direction);
-            return;
-        }
-        itn__weigh_flight(walk, medium, rates, ray.tmax, flight <= way);
-        ray.origin = itn__along(ray.origin, ray.tmax, ray.direction);
-        if (flight > way) itn__leave_solids(walk->scene, &walk->place); /* by a hole of the mesh */
-        else if (!itn__scatter(walk, medium, &ray)) return;
-    }
 }
 
 /* Begins one sample of one pixel; returns its camera ray. */
@@ -4080,7 +3878,33 @@ static itn_ray itn__begin_path(itn__walk *walk, uint64_t seed, int x, int y, int
 
 /* One sample of one pixel: walk->radiance and walk->derivative receive its value. */
 static void itn__sample_pixel(itn__walk *walk, uint64_t seed, int x, int y, int sample) {
-    itn__trace_path(walk, itn__begin_path(walk, seed, x, y, sample));
+    itn_ray ray = itn__begin_path(walk, seed, x, y, sample);
+    while (itn__roulette(walk)) {
+        const itn__medium *medium = itn__medium_of(walk->scene, walk->place.inside);
+        float rates[3], flight = INFINITY, way = INFINITY;
+        itn_hit hit;
+        itn__collision_rates(walk, medium, rates);
+        float rate = rates[walk->place.hero];
+        if (rate > 0) {
+            itn__floats u = itn__splat(itn__uniform(&walk->rng));
+            u = itn__sample_flight(itn__splat(1 / rate), u), flight = ITN__LANE(u, 0);
+        }
+        if (medium) way = itn__way_out(walk->scene, ray.origin, ray.direction);
+        ray.tmax = itn__min(flight, way);
+        int met = itn__next_hit(walk->scene, &walk->place, &ray, &hit), collides = flight <= way;
+        if (medium)
+            itn__weigh_flight(walk, &walk->weight, medium, rates, met ? hit.t : ray.tmax,
+                              !met && collides);
+        if (met && !itn__meet_surface(walk, &ray, &hit)) return;
+        if (!met && !medium) {
+            itn__escape(walk, ray.direction);
+            return;
+        }
+        if (met) continue;
+        ray.origin = itn__along(ray.origin, ray.tmax, ray.direction);
+        if (collides) itn__scatter(walk, medium, &ray);
+        else itn__leave_solids(walk->scene, &walk->place); /* by a hole of the mesh */
+    }
 }
 
 /* ==================== PART III: SCENES, PICTURES, NETWORKS, SEARCHES, FILES =================== */
@@ -4988,7 +4812,8 @@ static itn_result itn__make_medium(itn__maker *maker, int index) {
     itn__medium *media = maker->scene->media, *medium = &media[maker->scene->medium_count++];
     if (!itn__take_name(maker, ITN__MEDIUM, index, in.name, media, sizeof *media, index))
         itn__take_fields(maker, itn__forms[ITN__MEDIUM], &in, medium);
-    maker->scene->spectral |= itn__is_spectral(medium->sigma_t) || itn__is_spectral(medium->g);
+    maker->scene->spectral |= medium->sigma_t[1] != medium->sigma_t[0] ||
+                              medium->g[1] != medium->g[0];
     return maker->result;
 }
 
@@ -5177,8 +5002,12 @@ static void itn__share_lights(itn_scene *scene) {
         double part = (1 + breadths) * (light->strength / strengths) - light->breadth;
         light->share = part > 0 ? (float)part : 0, sum += light->share;
     }
-    for (itn__light *light = scene->lights; light < end; light++)
-        if (light->strength > 0) light->share = (float)(.95 * light->share / sum + .05 / sampled);
+    scene->last_sampled = -1;
+    for (itn__light *light = scene->lights; light < end; light++) {
+        if (!(light->strength > 0)) continue;
+        light->share = (float)(.95 * light->share / sum + .05 / sampled);
+        scene->last_sampled = (int)(light - scene->lights);
+    }
 }
 
 /* Parameters. A coordinate has no bounds, and steps in it are of a size that fits: the logarithm of
@@ -6200,7 +6029,7 @@ typedef struct itn__path {
     itn_hit hit; /* where its flight ends, triangle -1: nowhere, */
     itn__shear shear;
     itn__event event;  /* what it meets there; */
-    float s, t, eta;   /* texture coordinates; index beyond over index before */
+    float x, y, eta;   /* place on a texture; index beyond over index before */
     itn__place place;
     struct itn__path *owner; /* of a shadow ray: its path; else itself */
     float *scores;           /* [count], to its last surface */
@@ -6952,7 +6781,7 @@ static int itn__pass_shadow(itn__crowd *crowd, itn__path *ray) {
     ray->flights = -depth;
     itn__book(crowd, ray, substance);
     ray->p = itn__passed_point(render->scene->bvh, ray->p, ray->d, &ray->hit);
-    itn__cross_faces(render->scene, &ray->place, &ray->event, ray->p);
+    itn__leave_faces(render->scene, &ray->place, &ray->event, ray->p, 1);
     ray->distance = INFINITY;
     return 1;
 }
@@ -7278,7 +7107,7 @@ static void itn__meet(itn__crowd *crowd, int substance, itn__path *path) {
     path->level = itn__dot(path->up, path->p);
     if (path->event.object < 0) {
         path->p = itn__passed_point(scene->bvh, ray.origin, ray.direction, &path->hit);
-        itn__cross_faces(scene, &path->place, &path->event, path->p);
+        itn__leave_faces(scene, &path->place, &path->event, path->p, 1);
         itn__depart(crowd, path);
         return;
     }
@@ -7286,8 +7115,7 @@ static void itn__meet(itn__crowd *crowd, int substance, itn__path *path) {
     path->eta = itn__ior(scene, render->theta, path->event.after) /
                 itn__ior(scene, render->theta, path->place.refracting);
     if (scene->surfaces[object->surface].texture != ITN_TEXTURE_NONE)
-        itn__texture_coordinates(scene, path->event.object, &path->hit, path->p, &path->s,
-                                 &path->t);
+        itn__texture_place(scene, object, &path->hit, path->p, &path->x, &path->y);
     itn__enqueue(crowd, &crowd->surface[object->surface], path);
 }
 
@@ -7319,13 +7147,6 @@ ITN__NOINLINE void itn__run_exact(itn__crowd *crowd, int substance) {
     crowd->exact.count = 0;
 }
 
-/* A path on a surface goes the way of its event: through it, or back. */
-static void itn__leave_surface(const itn_scene *scene, const itn__path *path, int through,
-                               itn_vec3 point, itn__place *place) {
-    if (through) itn__cross_faces(scene, place, &path->event, point);
-    else itn__throw_back(scene, place, &path->event, point);
-}
-
 /* Adds to scores what a factor at a surface contributes in lane k. */
 static void itn__book_factor(const itn__render *render, float *scores, const itn__factor *f,
                              int k) {
@@ -7351,7 +7172,8 @@ static void itn__shadows_of_surface(itn__crowd *crowd, itn__state *s, itn__site 
     for (; bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
         itn__path *ray = itn__send_shadow(crowd, s, k, &light, ITN__LANE(level, k), INFINITY);
-        itn__leave_surface(render->scene, ray->owner, ITN__LANE(through, k), ray->p, &ray->place);
+        itn__leave_faces(render->scene, &ray->place, &ray->owner->event, ray->p,
+                         ITN__LANE(through, k));
         int substance = itn__substance_of(render, &ray->place);
         if (substance)
             ray->distance = ITN__LANE(depth, k) * render->substances[substance].mean_free_path;
@@ -7363,13 +7185,16 @@ static void itn__shadows_of_surface(itn__crowd *crowd, itn__state *s, itn__site 
 static void itn__sites_begin(const itn__crowd *crowd, const itn__state *s,
                              const itn__surface *surface, unsigned bits, itn__site *site,
                              itn__factor *f) {
+    itn__floats x = itn__splat(0), y = x;
+    int textured = surface->texture != ITN_TEXTURE_NONE;
     itn__site_make(site, surface, crowd->render->theta, crowd->render->channels, &s->up, &s->d);
     for (; bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
         const itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
         ITN__LANE(site->eta.v, k) = path->eta;
-        if (surface->texture != ITN_TEXTURE_NONE) itn__site_texture(site, k, path->s, path->t);
+        if (textured) ITN__LANE(x, k) = path->x, ITN__LANE(y, k) = path->y;
     }
+    if (textured) itn__site_texture(site, x, y);
     f->count = 0;
     if (crowd->render->count) itn__site_seeds(site, crowd->render->slots, f);
 }
@@ -7398,7 +7223,8 @@ static void itn__scatter_lanes(itn__crowd *crowd, int number, itn__state *s, itn
     for (unsigned bits = itn__mask_bits(good); bits; bits &= bits - 1) {
         itn__path *path;
         k = itn__lowest_bit(bits), path = &crowd->paths[ITN__LANE(s->slot, k)];
-        itn__leave_surface(render->scene, path, ITN__LANE(through, k), path->p, &path->place);
+        itn__leave_faces(render->scene, &path->place, &path->event, path->p,
+                         ITN__LANE(through, k));
         itn__book(crowd, path, 0);
         itn__book_factor(render, path->scores, &f, k);
         itn__depart(crowd, path);

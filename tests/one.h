@@ -39,13 +39,13 @@ static inline float one_minus_cosine(itn_vec3 a, itn_vec3 b) {
     return one_of(itn__vone_minus_cosine(one_vectors(a), one_vectors(b)));
 }
 static inline one_dual one_phase(float g, float x, float y) {
-    itn__num p = itn__phases[0].eval(itn__variable(one_lanes(g)), one_lanes(x), one_lanes(y));
+    itn__num p = itn__hg(itn__variable(one_lanes(g)), one_lanes(x), one_lanes(y));
     return one_make(p, itn__constant(p.v));
 }
 static inline itn_vec3 one_sample_phase(itn_vec3 d, float g, float u, float v, float *x,
                                         float *y) {
     itn__floats xs, ys;
-    itn__vectors to = itn__phases[0].sample(one_vectors(d), one_lanes(g), one_lanes(u),
+    itn__vectors to = itn__sample_hg(one_vectors(d), one_lanes(g), one_lanes(u),
                                             one_lanes(v), &xs, &ys);
     *x = one_of(xs), *y = one_of(ys);
     return one_vector(to);
@@ -94,19 +94,14 @@ static inline void one_map_coordinates(itn_vec3 d, float *u, float *v) {
     *u = one_of(to.u), *v = one_of(to.v);
 }
 static inline itn_vec3 one_map_direction(float u, float v) {
-    itn__towards to;
-    to.u = one_lanes(u), to.v = one_lanes(v);
-    itn__map_directions(&to);
-    return one_vector(to.d);
+    return one_vector(itn__map_directions(one_lanes(u), one_lanes(v)));
 }
 static inline float one_light_pdf(const itn__light *light, itn_vec3 d) {
     itn__towards to = one_towards(d);
     return one_of(itn__light_models[light->kind].pdf(light, &to));
 }
 static inline itn_vec3 one_light_sample(const itn__light *light, float u, float v) {
-    itn__towards to;
-    itn__light_models[light->kind].sample(light, one_lanes(u), one_lanes(v), &to);
-    return one_vector(to.d);
+    return one_vector(itn__light_models[light->kind].sample(light, one_lanes(u), one_lanes(v)));
 }
 static inline int one_pick(const float *table, int count, float u, float *rest) {
     itn__floats place;

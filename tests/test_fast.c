@@ -728,7 +728,7 @@ static int enter(herd *f, int k) {
         event = itn__meet_faces(scene, f->theta, place, &ray, &hit);
         ray.origin = itn__hit_point(scene->bvh, &hit);
         if (!scene->objects[scene->bvh->triangles[hit.triangle].object].closed) return 0;
-        itn__cross_faces(scene, place, &event, ray.origin);
+        itn__leave_faces(scene, place, &event, ray.origin, 1);
     }
     set_lane(&f->p, k, ray.origin), set_lane(&f->d, k, ray.direction);
     ITN__LANE(f->space.half, k) = -1;
@@ -769,7 +769,7 @@ static void fly(herd *f, int k) {
                           1);
             set_lane(&f->d, k, itn__scale(ray.direction, -1));
         } else if (f->scene->objects[object].closed) {
-            itn__cross_faces(f->scene, &f->places[k], &event, point);
+            itn__leave_faces(f->scene, &f->places[k], &event, point, 1);
         }
     }
     while (!(extinction(f, k) > 0) || !itn__within(f->scene, itn__lane_vector(&f->p, k)))
@@ -1171,7 +1171,7 @@ static void test_no_way_back(int planted) {
         event = itn__meet_faces(scene, NULL, &place, &ray, &hit);
         ray.origin = planted ? itn__hit_point(scene->bvh, &hit)
                              : itn__passed_point(scene->bvh, ray.origin, ray.direction, &hit);
-        itn__cross_faces(scene, &place, &event, ray.origin);
+        itn__leave_faces(scene, &place, &event, ray.origin, 1);
     }
     CHECK(met == 2 && place.inside < 0);
     itn_scene_free(scene);

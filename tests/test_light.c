@@ -129,12 +129,12 @@ static void check_map(int width, int height, int kind, double largest_spread, do
                 for (b = 0; b < FINE; b += ITN__LANES) {
                     double v = (r + (a + .5) / FINE) / ROWS, u[ITN__LANES];
                     double area = 2 * pi * pi * sin(pi * v) / (ROWS * COLUMNS) / (FINE * FINE);
-                    to.u = to.v = itn__splat((float)v);
+                    x = itn__splat(0);
                     for (l = 0; l < ITN__LANES; l++) {
                         u[l] = (c + (b + l + .5) / FINE) / COLUMNS;
-                        ITN__LANE(to.u, l) = (float)u[l];
+                        ITN__LANE(x, l) = (float)u[l];
                     }
-                    itn__map_directions(&to);
+                    to.d = itn__map_directions(x, itn__splat((float)v));
                     to.mask = itn__splat_int(-1);
                     itn__map_coordinates(&to);
                     model->radiance(light, 3, &to, rgb), pdf = model->pdf(light, &to);
@@ -150,7 +150,7 @@ static void check_map(int width, int height, int kind, double largest_spread, do
     for (k = 0; k < DRAWS; k += ITN__LANES) {
         for (l = 0; l < ITN__LANES; l++)
             ITN__LANE(x, l) = itn__uniform(&rng), ITN__LANE(y, l) = itn__uniform(&rng);
-        model->sample(light, x, y, &to);
+        to.d = model->sample(light, x, y);
         to.mask = itn__splat_int(-1);
         itn__map_coordinates(&to);
         model->radiance(light, 3, &to, rgb), pdf = model->pdf(light, &to);

@@ -225,7 +225,7 @@ enum { UP, DOWN, ALL };
    told: itn__rough is told the facet that was drawn, as by the walk. */
 static void told_albedo(int told, double mu, double alpha, double eta, share shares[3]) {
     enum { STEPS = 3 << 19 };
-    static const uint32_t steps[3] = {3518319155u, 2882110345u, 2360945575u}; /* a lattice of three
+    static const uint32_t steps[3] = {2360945575u, 3518319155u, 2882110345u}; /* a lattice of three
                                                               irrational steps (Roberts 2018) */
     itn__vectors i = itn__vectors_of(itn__splat((float)sqrt(1 - mu * mu)), itn__splat(0),
                                      itn__splat((float)mu)), m, o;
