@@ -1772,16 +1772,15 @@ ITN__INLINE void itn__box_add(itn__box *box, const itn__box *other) {
 }
 /* Half the surface area. */
 static double itn__box_area(const itn__box *box) {
-    double x = -((double)box->bound[4] + box->bound[0]);
-    double y = -((double)box->bound[5] + box->bound[1]);
-    double z = -((double)box->bound[6] + box->bound[2]);
-    return x * y + y * z + z * x;
+    double size[3];
+    for (int k = 0; k < 3; k++) size[k] = -((double)box->bound[k + 4] + box->bound[k]);
+    return size[0] * size[1] + size[1] * size[2] + size[2] * size[0];
 }
 
-/* What the builder sorts: a triangle's box and its number. */
+/* What the builder sorts: a triangle's box, the bin of its centre, and its number. */
 typedef struct itn__reference {
     itn__box box;
-    int index;
+    int bin, index;
 } itn__reference;
 
 /* A part of the list of references: what a node or a leaf is made of. */
@@ -1801,34 +1800,23 @@ typedef struct itn__build {
     itn_bvh *bvh;
 } itn__build;
 
-/* The bin of a box's centre along an axis. */
-ITN__INLINE int itn__bin_of(const itn__box *box, int axis, float lower, float scale) {
-    int bin = (int)((.5f * box->bound[axis] - .5f * box->bound[axis + 4] - lower) * scale);
-    return bin < ITN__BINS - 1 ? bin : ITN__BINS - 1;
-}
-
-/* Area times leaves of so many triangles in a box. */
-static double itn__leaf_cost(const itn__box *box, int triangles) {
-    if (!triangles) return INFINITY;
-    return itn__box_area(box) * ((triangles + ITN__PACK - 1) / ITN__PACK);
-}
-
-/* The cheapest border of bins with triangles on both sides: the first bin on its right, or 0. */
+/* The cheapest border of bins with triangles on both sides: the first bin on its right, or 0. A
+   side costs its area times its leaves. */
 static int itn__best_border(const itn__box *box, const int *triangles) {
-    double right[ITN__BINS], least = INFINITY;
-    itn__box side = itn__box_empty();
-    int i, passed = 0, border = 0;
-    for (i = ITN__BINS - 1; i > 0; i--) {
-        itn__box_add(&side, &box[i]);
-        right[i] = itn__leaf_cost(&side, passed += triangles[i]);
+    double cost[ITN__BINS] = {INFINITY};
+    int best = 0;
+    for (int right = 0; right < 2; right++) {
+        itn__box side = itn__box_empty();
+        for (int i = 1, passed = 0; i < ITN__BINS; i++) {
+            int border = right ? ITN__BINS - i : i, bin = border - !right;
+            itn__box_add(&side, &box[bin]), passed += triangles[bin];
+            int leaves = (passed + ITN__PACK - 1) / ITN__PACK;
+            cost[border] += leaves ? itn__box_area(&side) * leaves : INFINITY;
+        }
     }
-    side = itn__box_empty();
-    for (i = 1, passed = 0; i < ITN__BINS; i++) {
-        itn__box_add(&side, &box[i - 1]);
-        double cost = itn__leaf_cost(&side, passed += triangles[i - 1]) + right[i];
-        if (cost < least) least = cost, border = i;
-    }
-    return border;
+    for (int i = 1; i < ITN__BINS; i++)
+        if (cost[i] < cost[best]) best = i;
+    return best;
 }
 
 /* Sorts a child's references in two parts; returns how many come first. */
@@ -1843,7 +1831,9 @@ static int itn__partition(itn__reference *references, const itn__child *child, i
         return count / 2; /* or centres are equal, or too far apart */
     for (int i = 0; i < ITN__BINS; i++) box[i] = itn__box_empty();
     for (int i = 0; i < count; i++) {
-        int bin = itn__bin_of(&references[i].box, axis, centres[axis], scale);
+        const float *bound = references[i].box.bound;
+        int bin = (int)((.5f * bound[axis] - .5f * bound[axis + 4] - centres[axis]) * scale);
+        references[i].bin = bin = bin < ITN__BINS - 1 ? bin : ITN__BINS - 1;
         itn__box_add(&box[bin], &references[i].box);
         triangles[bin]++;
     }
@@ -1853,7 +1843,7 @@ static int itn__partition(itn__reference *references, const itn__child *child, i
         itn__reference moved = references[i];
         references[i] = references[left];
         references[left] = moved;
-        left += itn__bin_of(&moved.box, axis, centres[axis], scale) < border;
+        left += moved.bin < border;
     }
     return left;
 }
@@ -4411,9 +4401,9 @@ typedef struct itn__part {
 typedef struct itn__welding {
     const itn_mesh *mesh;
     int *weld;        /* [vertex_count] first vertex at the same position */
+    int *last;        /* [vertex_count] of each vertex's uses; 0: none */
     int *slots;       /* [mask + 1] of a hash table: vertices + 1, or 0 */
     size_t mask;
-    int *last;        /* [vertex_count] of each vertex's uses; 0: none */
     itn__use *uses;   /* [3 triangle_count + 1], from 1 */
     itn__use *sorted; /* [3 triangle_count], those of one vertex */
     itn__part *parts; /* [triangle_count] */
@@ -4421,32 +4411,25 @@ typedef struct itn__welding {
 } itn__welding;
 
 /* Finds the first vertex at each position. One that is not finite equals only itself. The table has
-   open addressing, and a seed of all positions, so that files can hardly choose slots. */
+   open addressing, and an address as its seed, so that files can hardly choose slots. */
 static void itn__weld(itn__welding *w) {
-    const float *positions = w->mesh->positions;
-    uint64_t seed = 0;
-    for (int pass = 0; pass < 2; pass++)
-        for (int i = 0; i < w->mesh->vertex_count; i++) {
-            const float *p = positions + 3 * (size_t)i, *q = NULL;
-            itn_vec3 position = itn__vec3(p[0] + 0, p[1] + 0, p[2] + 0); /* -0 and 0 are one */
-            uint64_t key[2] = {0, 0};
-            memcpy(key, &position, sizeof position);
-            uint64_t hash = itn__mix64(key[1] + itn__mix64(seed ^ key[0]));
-            if (!pass) {
-                seed = hash;
-            } else if (!itn__finite3(position)) {
-                if (!w->report.bad_vertices++) w->report.first_bad_vertex = i;
-                w->weld[i] = i;
-            } else {
-                int *slot;
-                do {
-                    slot = &w->slots[hash++ & w->mask];
-                    if (!*slot) *slot = i + 1;
-                    q = positions + 3 * (size_t)(*slot - 1);
-                } while (q[0] != p[0] || q[1] != p[1] || q[2] != p[2]);
-                w->weld[i] = *slot - 1;
-            }
+    for (int i = 0; i < w->mesh->vertex_count; i++) {
+        const float *p = w->mesh->positions + 3 * (size_t)i, *q;
+        itn_vec3 position = itn__vec3(p[0] + 0, p[1] + 0, p[2] + 0); /* -0 and 0 are one */
+        uint64_t key[2] = {0, 0};
+        memcpy(key, &position, sizeof position);
+        uint64_t hash = itn__mix64(key[1] + itn__mix64((uintptr_t)w->weld ^ key[0]));
+        w->weld[i] = i;
+        if (!itn__finite3(position)) {
+            if (!w->report.bad_vertices++) w->report.first_bad_vertex = i;
+            continue;
         }
+        do {
+            int *slot = &w->slots[hash++ & w->mask];
+            if (!*slot) *slot = i + 1;
+            w->weld[i] = *slot - 1, q = w->mesh->positions + 3 * (size_t)w->weld[i];
+        } while (q[0] != p[0] || q[1] != p[1] || q[2] != p[2]);
+    }
 }
 
 /* Lists the uses of edges, and adds up areas and volumes, these as seen from `centre`. */
@@ -4512,24 +4495,13 @@ static void itn__judge_edges(itn__welding *w, int vertex) {
             along += use[count].along;
         int *edge = count == 1 ? report->open_edge : report->flipped_edge;
         int *found = count == 1 ? &report->open_edges : &report->flipped_edges;
-        if (count == 2)
-            itn__part_of(w->parts, use[0].triangle)->other =
-                itn__part_of(w->parts, use[1].triangle)->other;
         if (2 * along != count && !(*found)++) edge[0] = vertex, edge[1] = use->other;
+        if (count != 2) continue;
+        itn__part *a = itn__part_of(w->parts, use[0].triangle);
+        itn__part *b = itn__part_of(w->parts, use[1].triangle);
+        if (a == b) continue;
+        a->other = b->other, b->volume += a->volume, b->rounding += a->rounding;
     }
-}
-
-/* Sums up parts, and counts those of negative volume. */
-static void itn__judge_parts(itn__welding *w) {
-    itn__part *parts = w->parts;
-    int count = w->mesh->triangle_count;
-    for (int i = 0; i < count; i++) {
-        itn__part *part = parts[i].other < 0 ? &parts[i] : itn__part_of(parts, i);
-        if (part != &parts[i])
-            part->volume += parts[i].volume, part->rounding += parts[i].rounding;
-    }
-    for (int i = 0; i < count; i++)
-        w->report.inverted_parts += parts[i].other == i && parts[i].volume < -parts[i].rounding;
 }
 
 ITN_API ITN__COLD itn_result itn_mesh_check(const itn_mesh *mesh, const itn_context *context,
@@ -4540,28 +4512,30 @@ ITN_API ITN__COLD itn_result itn_mesh_check(const itn_mesh *mesh, const itn_cont
     if (!result) result = itn__mesh_readable(mesh, "itn_mesh_check", error);
     if (result) return result;
     if (!report) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_mesh_check: report is NULL");
-    if (mesh->triangle_count > INT_MAX / 3 - 1) return itn__out_of_memory(error, "a mesh check");
+    if (mesh->triangle_count > INT_MAX / 9) return itn__out_of_memory(error, "a mesh check");
     size_t vertices = (size_t)mesh->vertex_count, triangles = (size_t)mesh->triangle_count;
     w.report.first_bad_vertex = w.report.first_bad_triangle = -1;
     w.mesh = mesh;
-    for (w.mask = 3; w.mask / 2 < vertices && w.mask < SIZE_MAX / 2;) w.mask = 2 * w.mask + 1;
-    w.weld = ITN__NEW(int, &own, vertices);
-    w.slots = ITN__NEW(int, &own, w.mask + 1);
-    w.last = ITN__NEW(int, &own, vertices);
-    w.uses = ITN__NEW(itn__use, &own, 3 * triangles + 1);
-    w.sorted = ITN__NEW(itn__use, &own, 3 * triangles);
+    for (w.mask = 3; w.mask / 2 < vertices;) w.mask = 2 * w.mask + 1;
+    w.weld = ITN__NEW(int, &own, 2 * vertices + w.mask + 1);
+    w.uses = ITN__NEW(itn__use, &own, 6 * triangles + 1);
     w.parts = ITN__NEW(itn__part, &own, triangles);
-    if (w.weld && w.slots && w.last && w.uses && w.sorted && w.parts) {
+    if (w.weld && w.uses && w.parts) {
+        w.last = w.weld + vertices, w.slots = w.last + vertices;
+        w.sorted = w.uses + 3 * triangles + 1;
         itn__weld(&w);
         itn__weigh_triangles(&w);
         for (int i = 0; i < mesh->vertex_count; i++) itn__judge_edges(&w, i);
-        itn__judge_parts(&w);
+        for (int i = 0; i < mesh->triangle_count; i++)
+            w.report.inverted_parts +=
+                w.parts[i].other == i && w.parts[i].volume < -w.parts[i].rounding;
         *report = w.report;
     } else {
         result = itn__out_of_memory(error, "a mesh check");
     }
-    itn__free(&own, w.parts), itn__free(&own, w.sorted), itn__free(&own, w.uses);
-    itn__free(&own, w.last), itn__free(&own, w.slots), itn__free(&own, w.weld);
+    itn__free(&own, w.parts);
+    itn__free(&own, w.uses);
+    itn__free(&own, w.weld);
     return result;
 }
 
