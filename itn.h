@@ -2882,7 +2882,6 @@ typedef struct itn__camera {
 } itn__camera, itn__film;
 
 #define ITN__SAME_INDEX 1e-5f /* relative difference of indices that is not felt */
-enum { ITN__MAX_OBJECTS = 64, ITN__MAX_LIGHTS = 64, ITN__MAX_ITEMS = 4096 };
 
 typedef struct itn__object {
     int medium, surface; /* indices, -1: none */
@@ -4567,13 +4566,11 @@ static const itn__field itn__forms[][ITN__MOST_FIELDS + 1] = { /* by kind, or ki
      ITN__SPECTRUM(medium, g, "13s", ITN_LOGIT, -.999f, .999f, 0),
      ITN__MU("mu_a", albedo), ITN__MU("mu_s", sigma_t_rgb), ITN__MU("mu_s'", sigma_t_rgb),
      ITN__MU("mu_s_prime", sigma_t_rgb), ITN__MARK("phase", "o", "hg")},
-    {ITN__WORD("mesh", object, mesh, "m"),
-     ITN__WORD("medium", object, medium, "w"),
-     ITN__WORD("surface", object, surface, "w"),
+    {ITN__WORD("mesh", object, mesh, "m"), ITN__WORD("medium", object, medium, "w"),
+     ITN__WORD("surface", object, surface, "w"), ITN__WORD("force", object, force, ""),
      ITN__FIELD("scale", object, transform, "13t", FLT_MIN, 1e12f, 0),
      ITN__FIELD("rotate", object, transform, "4t", ITN__ANY, 0),
-     ITN__FIELD("translate", object, transform, "3t", ITN__ANY, 0),
-     ITN__WORD("force", object, force, "")},
+     ITN__FIELD("translate", object, transform, "3t", ITN__ANY, 0)},
     {ITN__MARK("plane", "", NULL), ITN__WORD("surface", object, surface, "w!"),
      ITN__FIELD("y", object, plane_y, "1f", ITN__ANY, 0),
      ITN__FIELD("half", object, half_size, "1f", FLT_MIN, 1e12f, 20)},
@@ -4603,35 +4600,33 @@ static int itn__field_allows(const itn__field *field, float number, char words[1
     return 0;
 }
 
-/* Writes the `count` numbers of a field to a desc. */
+/* Writes the `count` numbers of a field to a desc: one of a colour for all channels. */
 static void itn__write_numbers(const itn__field *field, void *desc, float *n, int count) {
     char *at = (char *)desc + (itn__has_form(field, 's') && count == 3 ? field->beside : field->at);
-    int whole = (int)n[0];
+    int whole = itn__has_form(field, 'i') ? (int)n[0] : 0;
     if (itn__has_form(field, 'c') && count == 1) n[1] = n[2] = n[0], count = 3;
     if (itn__has_form(field, 'i')) memcpy(at, &whole, sizeof whole);
     else if (strpbrk(field->form, "fcs")) memcpy(at, n, (size_t)count * sizeof *n);
 }
 
-/* The numbers of a field in a desc, where `otherwise` is put in. Returns how many they are: 0 if it
-   has none. */
+/* The numbers of a field in a desc, where `otherwise` and all three of a colour are put in. Returns
+   how many they are: 0 if it has none. */
 static int itn__read_numbers(const itn__field *field, void *desc, int channels, float *n) {
     char *at = (char *)desc + field->at, *beside = (char *)desc + field->beside;
-    int whole, given = field->lower <= 0, count = 0;
+    int whole, given = field->lower <= 0, count = strpbrk(field->form, "si") != NULL;
     if (itn__has_form(field, 's')) {
         memcpy(n, beside, 3 * sizeof *n);
         if (n[0] != 0 || n[1] != 0 || n[2] != 0) return 3;
     }
+    if (itn__has_form(field, 'f')) count = *field->form - '0';
     if (itn__has_form(field, 'c')) count = channels;
-    else if (itn__has_form(field, 'f')) count = *field->form - '0';
-    else if (strpbrk(field->form, "si")) count = 1;
     memcpy(n, at, (size_t)count * sizeof *n);
     if (itn__has_form(field, 'i')) memcpy(&whole, at, sizeof whole), n[0] = (float)whole;
     if (itn__has_form(field, '?')) memcpy(&given, beside, sizeof given);
     for (int k = 0; k < count; k++) given |= n[k] != 0;
-    if (given || !count) return count;
-    n[0] = field->otherwise;
-    itn__write_numbers(field, desc, n, 1);
-    return n[0] != 0;
+    if (!given) n[0] = field->otherwise;
+    if (!given || itn__has_form(field, 'c')) itn__write_numbers(field, desc, n, count);
+    return given || n[0] != 0 ? count : 0;
 }
 
 typedef struct itn__maker {
@@ -4791,8 +4786,12 @@ static itn_result itn__make_medium(itn__maker *maker, int index) {
     return maker->result;
 }
 
-/* Copies an image's light into texels [height][width][3] after checking its values. With one
-   channel on the film, all three hold the luminance. */
+/* With one channel on the film, all three of a colour hold the luminance. */
+static void itn__to_film(const itn_scene *scene, float rgb[3]) {
+    if (scene->film.channels == 1) rgb[0] = rgb[1] = rgb[2] = itn__luminance(rgb);
+}
+
+/* Copies an image's light into texels [height][width][3] after checking its values. */
 static itn_result itn__copy_texels(itn__maker *maker, const itn_image *image, float largest,
                                    int *width, int *height, float **texels) {
     const float *planes[3];
@@ -4815,8 +4814,7 @@ static itn_result itn__copy_texels(itn__maker *maker, const itn_image *image, fl
                 return ITN__REFUSE("image value %g in row %d, column %d is not in [0, %g]",
                                    (double)texel[k], i / *width, i % *width, (double)largest);
         }
-        if (maker->scene->film.channels == 1)
-            texel[0] = texel[1] = texel[2] = itn__luminance(texel);
+        itn__to_film(maker->scene, texel);
     }
     return maker->result;
 }
@@ -4903,30 +4901,23 @@ static itn_result itn__make_grid(itn__maker *maker, itn__light *light, float bot
     return ITN_OK;
 }
 
-/* Copies a light's colour; with one channel on the film, its luminance. */
-static void itn__copy_radiance(const itn_scene *scene, const float in[3], int channels,
-                               float out[3]) {
-    for (int c = 0; c < 3; c++) out[c] = in[c < channels ? c : 0];
-    if (scene->film.channels == 1) out[0] = out[1] = out[2] = itn__luminance(out);
-}
-
 /* A sky desc becomes two lights, the sky and its sun. */
-static itn_result itn__make_sky(itn__maker *maker, itn_light_desc *in, itn__light *sky,
-                                itn__light *disc) {
+static itn_result itn__make_sky(itn__maker *maker, itn_light_desc *in, itn__light *sky) {
     float half = ITN__SUN_RADIUS * (ITN__PI / 180), natural = 2 * itn__square(sinf(half / 2));
-    if (itn__take_fields(maker, itn__forms[ITN__SKY_FORM], &in->sky, NULL))
-        return maker->result;
+    itn__light *disc = sky + 1;
+    if (itn__take_fields(maker, itn__forms[ITN__SKY_FORM], &in->sky, NULL)) return maker->result;
     for (int c = 0; c < 3; c++)
         if (!(fabsf(in->sky.coefficients[c][8]) < 1))
             return ITN__REFUSE("the last of the sky's coefficients is not in (-1, 1)");
     if (!(in->sun_direction.y > 0))
         return ITN__REFUSE("the sun's direction must be above the horizon");
+    maker->scene->light_count++;
     sky->width = 64, sky->height = 33; /* of its grid: radiance over density then varies by 2 % */
     sky->sky = in->sky, disc->kind = ITN__LIGHT_SUN, disc->share = in->sun_scale;
-    itn__copy_radiance(maker->scene, in->sky.radiance, 3, sky->radiance);
-    itn__copy_radiance(maker->scene, in->sky.sun_radiance, 3, disc->radiance);
     sky->to_sun = disc->to_sun = itn__direction(in->sun_direction);
     disc->sun_cone = 2 * itn__square(sinf(half * in->sun_radius_scale / 2));
+    memcpy(disc->radiance, in->sky.sun_radiance, sizeof disc->radiance);
+    itn__to_film(maker->scene, disc->radiance);
     for (int c = 0; c < 3; c++) disc->radiance[c] *= natural / disc->sun_cone;
     double solid_angle = 2 * (double)ITN__PI * disc->sun_cone;
     disc->power = (float)(solid_angle * itn__luminance(disc->radiance));
@@ -4945,25 +4936,25 @@ static itn_result itn__make_light(itn__maker *maker, int index) {
                        sizeof *light, scene->light_count))
         return maker->result;
     if ((unsigned)in.type >= (unsigned)ITN__LIGHT_SUN) return ITN__REFUSE("unknown type");
-    scene->light_count += in.type == ITN_LIGHT_SKY ? 2 : 1;
-    light->kind = (itn__light_kind)in.type;
+    light->kind = (itn__light_kind)in.type, scene->light_count++;
     if (itn__take_fields(maker, itn__fields_of(ITN__LIGHT, in.type), &in, light))
         return maker->result;
     light->share = in.scale; /* until the shares are known */
-    if (in.type == ITN_LIGHT_SKY) return itn__make_sky(maker, &in, light, light + 1);
-    if (in.type == ITN_LIGHT_CONSTANT)
-        itn__copy_radiance(scene, in.radiance, scene->film.channels, light->radiance);
-    else if (!itn__copy_texels(maker, in.image, ITN__MAX_RADIANCE, &light->width, &light->height,
-                               &light->map))
+    memcpy(light->radiance, in.type == ITN_LIGHT_SKY ? in.sky.radiance : in.radiance,
+           sizeof light->radiance);
+    itn__to_film(scene, light->radiance);
+    if (in.type == ITN_LIGHT_SKY) return itn__make_sky(maker, &in, light);
+    if (in.type == ITN_LIGHT_MAP &&
+        !itn__copy_texels(maker, in.image, ITN__MAX_RADIANCE, &light->width, &light->height,
+                          &light->map))
         itn__make_grid(maker, light, 1);
     return maker->result;
 }
 
-/* Shares out the choice between sampled lights. Scattering finds broad lights too: draws that come
-   upon light i with density p_i q, and scattering that does with about b_i q, leave it a variance
-   of about s_i^2 / (p_i + b_i), where s is its strength and b its breadth. The sum is least for
-   p_i + b_i in proportion to s_i; where that makes p_i negative it is 0. A twentieth is shared out
-   in equal parts, so that a light whose scale is raised from 0 is still found. */
+/* Shares out the choice between sampled lights. Draws come upon light i with density p_i q, and
+   scattering with about b_i q: a variance of about s_i^2 / (p_i + b_i), with strength s and breadth
+   b, whose sum is least for p_i + b_i in proportion to s_i, or p_i = 0 where that is negative. A
+   twentieth goes in equal parts: a light whose scale is raised from 0 is still found. */
 static void itn__share_lights(itn_scene *scene) {
     itn__light *end = scene->lights + scene->light_count;
     double strengths = 0, breadths = 0, sum = 0, sampled = 0;
@@ -5034,9 +5025,8 @@ ITN_API double itn_parameter_from_coordinate(const itn_parameter *p, double coor
 
 /* An object's mesh is checked: a medium or a dielectric surface needs a solid, unless it is forced.
    It is transformed in double; the middle of all solids becomes the origin, all meshes become one,
-   and over that the tree is built. Lines tell whether parts of a solid overlap. Inside of which
-   solids the camera is tells on which sides of them paths begin. At the end all parts come together
-   in itn_scene_create. */
+   and over that the tree is built. Lines tell whether parts of a solid overlap; inside of which
+   solids the camera is tells on which sides of them paths begin. */
 
 /* The mesh of an object, and the matrix that takes it to scene coordinates: rows of [3][4]. That of
    a plane is a square, that of no transform (all 0) the identity. */
@@ -5098,18 +5088,18 @@ static itn_result itn__not_a_solid(itn__maker *maker, const itn_mesh *mesh,
                                    const itn_mesh_report *report) {
     int vertex = report->open_edges ? report->open_edge[0] : report->flipped_edge[0];
     const float *p = mesh->positions + 3 * (size_t)vertex;
-    if (!report->open_edges && !report->flipped_edges)
-        return ITN__REFUSE_MESH("the mesh %s (its volume is %g)",
-                                report->volume < 0
-                                    ? "is inside out: triangles must be counter-clockwise seen "
-                                      "from outside; `force` turns it"
-                                    : "encloses nothing: it is flat, or has each face twice; leave "
-                                      "out those that look inwards", report->volume);
-    return ITN__REFUSE_MESH("the mesh is not closed: %d open edges and %d flipped or shared by "
-                            "three triangles or more, first at vertex %d (%g, %g, %g), counted "
-                            "from 0 (`force` takes it as it is)", report->open_edges,
-                            report->flipped_edges, vertex, (double)p[0], (double)p[1],
-                            (double)p[2]);
+    if (report->open_edges || report->flipped_edges)
+        return ITN__REFUSE_MESH("the mesh is not closed: %d open edges and %d flipped or shared by "
+                                "three triangles or more, first at vertex %d (%g, %g, %g), counted "
+                                "from 0 (`force` takes it as it is)", report->open_edges,
+                                report->flipped_edges, vertex, (double)p[0], (double)p[1],
+                                (double)p[2]);
+    if (report->volume < 0)
+        return ITN__REFUSE_MESH("the mesh is inside out (its volume is %g): triangles must be "
+                                "counter-clockwise seen from outside; `force` turns it",
+                                report->volume);
+    return ITN__REFUSE_MESH("the mesh encloses nothing: it is flat, or has each face twice; leave "
+                            "out those that look inwards");
 }
 
 /* Checks an object's mesh, and notes whether it is a solid and where it is. */
@@ -5319,46 +5309,38 @@ static void itn__make_sides(itn_scene *scene) {
     }
 }
 
-/* Checks the counts of a desc and makes the arrays they call for. */
-static itn_result itn__make_arrays(itn__maker *maker) {
+/* The count of items of a kind, which must be within limits; else 0. */
+static size_t itn__count(itn__maker *maker, const char *of, const void *items, int count, int least,
+                         int most) {
+    if (!maker->result && (count < least || count > most || (count && !items)))
+        ITN__REFUSE("a scene has %d to %d %s, not %d (or their array is NULL)", least, most, of,
+                    count);
+    return maker->result ? 0 : (size_t)count;
+}
+
+/* Makes all items, in arrays of their counts; the film's parameters are the last. */
+static itn_result itn__make_items(itn__maker *maker) {
     const itn_scene_desc *in = maker->desc;
     itn_scene *scene = maker->scene;
-    const struct {
-        const char *of;
-        const void *items;
-        int count, least, most;
-    } rows[4] = {{"objects", in->objects, in->object_count, 1, ITN__MAX_OBJECTS},
-                 {"lights", in->lights, in->light_count, 1, ITN__MAX_LIGHTS},
-                 {"media", in->media, in->medium_count, 0, ITN__MAX_ITEMS},
-                 {"surfaces", in->surfaces, in->surface_count, 0, ITN__MAX_ITEMS}};
-    int values = 6;
-    for (int k = 0; k < 4; k++) {
-        if (rows[k].count < rows[k].least || rows[k].count > rows[k].most ||
-            (rows[k].count && !rows[k].items))
-            return ITN__REFUSE("a scene has %d to %d %s, not %d (or their array is NULL)",
-                               rows[k].least, rows[k].most, rows[k].of, rows[k].count);
-        values += 9 * rows[k].count;
-    }
-    scene->media = ITN__KEEP(itn__medium, in->medium_count);
-    scene->surfaces = ITN__KEEP(itn__surface, in->surface_count);
-    scene->lights = ITN__KEEP(itn__light, 2 * in->light_count);
-    scene->objects = ITN__KEEP(itn__object, in->object_count);
+    size_t objects = itn__count(maker, "objects", in->objects, in->object_count, 1, 64);
+    size_t lights = itn__count(maker, "lights", in->lights, in->light_count, 1, 64);
+    size_t media = itn__count(maker, "media", in->media, in->medium_count, 0, 4096);
+    size_t surfaces = itn__count(maker, "surfaces", in->surfaces, in->surface_count, 0, 4096);
+    size_t values = 6 + 9 * (objects + lights + media + surfaces);
+    if (maker->result) return maker->result;
+    scene->media = ITN__KEEP(itn__medium, media);
+    scene->surfaces = ITN__KEEP(itn__surface, surfaces);
+    scene->lights = ITN__KEEP(itn__light, 2 * lights);
+    scene->objects = ITN__KEEP(itn__object, objects);
     scene->parameters = ITN__KEEP(itn_parameter, values);
     scene->sources = ITN__KEEP(itn__source, values);
     scene->kept = ITN__KEEP(void *, ITN__KEPT);
     scene->object_count = in->object_count;
-    return maker->result;
-}
-
-/* Makes all items; the film's parameters are the last. */
-static itn_result itn__make_items(itn__maker *maker) {
-    const itn_scene_desc *desc = maker->desc;
-    itn_scene *scene = maker->scene;
-    if (!itn__make_arrays(maker) && !itn__make_film(maker)) itn__make_camera(maker);
-    for (int i = 0; i < desc->medium_count && !maker->result; i++) itn__make_medium(maker, i);
-    for (int i = 0; i < desc->surface_count && !maker->result; i++) itn__make_surface(maker, i);
-    for (int i = 0; i < desc->light_count && !maker->result; i++) itn__make_light(maker, i);
-    for (int i = 0; i < desc->object_count && !maker->result; i++) itn__make_object(maker, i);
+    if (!maker->result && !itn__make_film(maker)) itn__make_camera(maker);
+    for (int i = 0; i < in->medium_count && !maker->result; i++) itn__make_medium(maker, i);
+    for (int i = 0; i < in->surface_count && !maker->result; i++) itn__make_surface(maker, i);
+    for (int i = 0; i < in->light_count && !maker->result; i++) itn__make_light(maker, i);
+    for (int i = 0; i < in->object_count && !maker->result; i++) itn__make_object(maker, i);
     if (maker->result) return maker->result;
     itn__go_to(maker, ITN__FILM, 0);
     return itn__take_fields(maker, itn__forms[ITN__FILM], &scene->film, &scene->camera);
@@ -11618,9 +11600,8 @@ ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *
 
 /* A scene file, whose grammar is in [api-scene], is read word by word. The tables of [fields] say
    what stands in a line: a keyword (and for some items a name), then fields, each with a word or a
-   few numbers, which go straight to the item's desc; so all errors of form are found in one place
-   and at the exact line. All else is checked by the maker, as lines may stand in any order; it
-   knows which item is at fault. */
+   few numbers, which go straight to the item's desc. Errors of form are found here; all else is
+   checked by the maker, as lines may stand in any order, and it knows which item is at fault. */
 
 enum { ITN__MOST_ITEMS = 64, ITN__MOST_TEXT = 1 << 24 };
 
@@ -11683,15 +11664,27 @@ static int itn__transform_add(float transform[12], char step, const float n[4]) 
     return good && largest >= (double)FLT_MIN;
 }
 
-/* A checker's numbers: A B SIZE, A and B being of one number or of three. */
-static void itn__read_checker(itn__reader *r, const float *n, int count) {
+/* Takes numbers: a step of a transform; of a checker, A B SIZE, with A and B of one number or of
+   three; or what the field is, where `beside` may say that a 0 is meant. */
+static void itn__take_numbers(itn__reader *r, const itn__field *field, float *n, int count) {
+    itn_object_desc *object = (itn_object_desc *)(void *)r->item;
     itn_surface_desc *surface = (itn_surface_desc *)(void *)r->item;
-    for (int k = 0; k < 3; k++) {
-        surface->reflectance[k] = n[count == 7 ? k : 0];
-        surface->reflectance2[k] = n[count == 7 ? 3 + k : 1];
+    const int given = 1, half = count / 2;
+    if ((count == 3 && strpbrk(field->form, "cs")) || count == 7)
+        r->colour_line = r->colour_line ? r->colour_line : r->text.line;
+    if (itn__has_form(field, 't')) {
+        if (count == 1) n[1] = n[2] = n[0];
+        if (!itn__transform_add(object->transform, *field->name, n))
+            ITN__WRONG("%s: the axis is zero, or the result too large or too small", field->name);
+    } else if (itn__has_form(field, 'k')) {
+        if (!(n[2 * half] > 0)) ITN__WRONG("checker: SIZE is not positive");
+        surface->texture = ITN_TEXTURE_CHECKER, surface->checker_size = n[2 * half];
+        itn__write_numbers(itn__forms[ITN__CHECKER_FORM], r->item, n + half, half);
+        itn__write_numbers(r->fields, r->item, n, half); /* reflectance is the first */
+    } else {
+        if (itn__has_form(field, '?')) memcpy(r->item + field->beside, &given, sizeof given);
+        itn__write_numbers(field, r->item, n, count);
     }
-    surface->texture = ITN_TEXTURE_CHECKER, surface->checker_size = n[count - 1];
-    if (!(surface->checker_size > 0)) ITN__WRONG("checker: SIZE is not positive");
 }
 
 /* Reads the numbers that follow a field's name, all words that begin like one; returns how many.
@@ -11700,7 +11693,7 @@ static int itn__read_values(itn__reader *r, const itn__field *field) {
     const char *name = field->name;
     float n[ITN__MOST_NUMBERS + 1] = {0};
     char words[100];
-    int count = 0, given = 1;
+    int count = 0;
     while (!itn__line_done(&r->text) && (strchr("+-.0123456789", *r->text.at) ||
                                          !(count || itn__has_form(field, '0')))) {
         double number = itn__take_decimal(&r->text, name);
@@ -11712,16 +11705,7 @@ static int itn__read_values(itn__reader *r, const itn__field *field) {
     }
     if (!itn__has_form(field, (char)('0' + count)) || n[ITN__MOST_NUMBERS] != 0)
         ITN__WRONG("%s takes another count of numbers than %d", name, count);
-    if (r->text.result || !count) return count;
-    if ((count == 3 && strpbrk(field->form, "cs")) || (count == 7 && itn__has_form(field, 'k')))
-        r->colour_line = r->colour_line ? r->colour_line : r->text.line;
-    if (count == 1 && itn__has_form(field, 't')) n[1] = n[2] = n[0];
-    if (itn__has_form(field, 't') &&
-        !itn__transform_add(((itn_object_desc *)(void *)r->item)->transform, *name, n))
-        ITN__WRONG("%s: the axis is zero, or the result too large or too small", name);
-    if (itn__has_form(field, 'k')) itn__read_checker(r, n, count);
-    if (itn__has_form(field, '?')) memcpy(r->item + field->beside, &given, sizeof given);
-    itn__write_numbers(field, r->item, n, count);
+    if (!r->text.result && count) itn__take_numbers(r, field, n, count);
     return count;
 }
 
@@ -11783,9 +11767,7 @@ static void itn__end_fields(itn__reader *r) {
 static void itn__end_medium(itn__reader *r, itn_medium_desc *medium) {
     const int *given = r->given; /* sigma_t albedo g mu_a mu_s mu_s' mu_s_prime */
     int scattering = !!given[4] + !!given[5] + !!given[6], equal = 1;
-    if (!given[3] && !scattering && !(given[0] && given[1]))
-        ITN__WRONG("medium: %s is missing", given[0] ? "albedo" : "sigma_t");
-    if (!given[3] && !scattering) return;
+    if (given[0] && given[1] && !given[3] && !scattering) return;
     if (given[0] || given[1] || !given[3] || scattering != 1 || (!given[4] && !given[2]))
         ITN__WRONG("a medium has either sigma_t and albedo, or mu_a and mu_s, or mu_a, mu_s' (or "
                    "mu_s_prime) and g");
