@@ -3903,12 +3903,12 @@ static void itn__sample_pixel(itn__walk *walk, uint64_t seed, int x, int y, int 
 /* Text. Messages are composed and numbers read without the C library, whose decimal point is the
    locale's: here it is always a point.
    Out: digits = round(value 10^places), half to even, printed from the last one on. The scaling
-   takes at most two operations of double for up to 22 places, so what is printed with at most 15
-   significant digits is right but for numbers within 1e-15 of the middle between two.
+   takes at most two operations of double for up to 22 places: at most 15 significant digits are
+   right but for numbers within 1e-15 of the middle between two.
    In: the first 19 digits are an integer, the others count as powers of ten. Up to 15 digits and
-   10^-22 to 10^22 are correctly rounded to double, since digits and power are then exact and one
-   operation joins them (Clinger 1990); others are within 10 units in the last place, which is
-   enough for floats but within 1e-15 of the middle between two. Overflow gives infinity. */
+   10^-22 to 10^22 are correctly rounded to double, since digits and power are exact and one
+   operation joins them (Clinger 1990); others are within 10 units in the last place. Overflow gives
+   infinity. */
 
 /* Text that is composed in a buffer of the caller's. */
 typedef struct itn__prose {
@@ -3927,18 +3927,18 @@ static void itn__say_char(itn__prose *prose, char character) {
 static double itn__scale_by_power_of_ten(double value, int64_t exponent) {
     int left = exponent > 400 ? 400 : exponent < -400 ? -400 : (int)exponent;
     while (left) {
-        int step = abs(left) < 22 ? abs(left) : 22;
         double power = 1; /* exact */
-        for (int k = 0; k < step; k++) power *= 10;
+        int step = 0;
+        for (; step < 22 && step < abs(left); step++) power *= 10;
         value = left < 0 ? value / power : value * power;
-        left -= left < 0 ? -step : step;
+        left += left < 0 ? step : -step;
     }
     return value;
 }
 
-/* A number as %f shows it (from 1e15 on as %g), or as %g. */
-static void itn__say_number(itn__prose *prose, double value, int precision, int fixed) {
-    int places = precision < 0 ? 6 : precision < 15 ? precision : 15, exponent = 0, n = 0;
+/* A number as %g shows it. */
+static void itn__say_number(itn__prose *prose, double value, int precision) {
+    int places = precision < 0 ? 6 : precision < 1 ? 1 : precision < 15 ? precision : 15, n = 0;
     char reversed[48];
     if (value < 0) itn__say_char(prose, '-');
     value = fabs(value);
@@ -3946,28 +3946,25 @@ static void itn__say_number(itn__prose *prose, double value, int precision, int 
         itn__say(prose, "%s", value > 0 ? "inf" : "nan");
         return;
     }
-    double digits = rint(itn__scale_by_power_of_ten(value, places));
-    if (!fixed || !(digits < 1e15)) {
-        if (fixed || places < 1) places = fixed ? 15 : 1;
-        exponent = value > 0 ? (int)floor(log10(value)) : 0;
-        digits = rint(itn__scale_by_power_of_ten(value, --places - exponent));
-        if (digits >= itn__scale_by_power_of_ten(1, places + 1)) digits /= 10, exponent++;
-        fixed = exponent >= -4 && exponent <= places;
-        if (fixed) places -= exponent;
-        for (; places > 0 && fmod(digits, 10) == 0; places--) digits /= 10;
-    }
+    int exponent = value > 0 ? (int)floor(log10(value)) : 0;
+    double digits = rint(itn__scale_by_power_of_ten(value, --places - exponent));
+    if (digits >= itn__scale_by_power_of_ten(1, places + 1)) digits /= 10, exponent++;
+    int plain = exponent >= -4 && exponent <= places;
+    if (plain) places -= exponent;
+    for (; places > 0 && fmod(digits, 10) == 0; places--) digits /= 10;
     uint64_t rest = (uint64_t)digits;
     for (int k = 0; k <= places || rest; k++, rest /= 10) {
         if (k == places && places > 0) reversed[n++] = '.';
         reversed[n++] = (char)('0' + rest % 10);
     }
     while (n > 0) itn__say_char(prose, reversed[--n]);
-    if (fixed) return;
+    if (plain) return;
     itn__say(prose, "e%c%s%d", exponent < 0 ? '-' : '+', abs(exponent) < 10 ? "0" : "",
              abs(exponent));
 }
 
-/* Appends text as printf makes it: %s, %c, %d, %f and %g, with a precision or none, and %%. */
+/* Appends text as printf makes it: %s, %c, %d and %g, with a precision or none, %.0f of whole
+   numbers, and %%. */
 static ITN__COLD void itn__say_list(itn__prose *prose, const char *format, va_list arguments) {
     for (; *format; format++) {
         int precision = -1;
@@ -3987,9 +3984,9 @@ static ITN__COLD void itn__say_list(itn__prose *prose, const char *format, va_li
         } else if (*format == 'c') {
             itn__say_char(prose, (char)va_arg(arguments, int));
         } else if (*format == 'd') {
-            itn__say_number(prose, (double)va_arg(arguments, int), 0, 1);
+            itn__say_number(prose, (double)va_arg(arguments, int), 15);
         } else {
-            itn__say_number(prose, va_arg(arguments, double), precision, *format == 'f');
+            itn__say_number(prose, va_arg(arguments, double), *format == 'f' ? 15 : precision);
         }
     }
     if (prose->size)
@@ -4096,18 +4093,6 @@ typedef pthread_t itn__thread;
 #define itn__thread_join(thread) pthread_join(thread, NULL)
 #endif
 
-static int itn__processors(void) {
-#if defined(_WIN32)
-    SYSTEM_INFO info;
-    GetSystemInfo(&info);
-    return (int)info.dwNumberOfProcessors;
-#elif defined(_SC_NPROCESSORS_ONLN)
-    return (int)sysconf(_SC_NPROCESSORS_ONLN);
-#else
-    return 1; /* some systems hide it where _POSIX_C_SOURCE is defined */
-#endif
-}
-
 typedef struct itn__fork {
     void (*body)(void *task, int index);
     void *task;
@@ -4125,10 +4110,16 @@ ITN__THREAD_MAIN itn__fork_work(void *shared) {
 
 /* How many threads run loops. */
 static int itn__loop_threads(const itn_context *context) {
-    int threads = 1;
+    int threads = context->threads;
     if (context->parallel_for) return ITN__HOOK_THREADS;
-#ifdef ITN_THREADS
-    threads = context->threads > 0 ? context->threads : itn__processors();
+#if !defined(ITN_THREADS)
+    threads = 1;
+#elif defined(_WIN32)
+    SYSTEM_INFO info;
+    GetSystemInfo(&info);
+    if (threads <= 0) threads = (int)info.dwNumberOfProcessors;
+#elif defined(_SC_NPROCESSORS_ONLN) /* hidden by some systems where _POSIX_C_SOURCE is defined */
+    if (threads <= 0) threads = (int)sysconf(_SC_NPROCESSORS_ONLN);
 #endif
     return threads < 1 ? 1 : threads < ITN__MOST_THREADS ? threads : ITN__MOST_THREADS;
 }
@@ -4156,15 +4147,13 @@ static void itn__parallel_for(const itn_context *context, int count,
 /* Elementary functions, without branches, tables or calls. Each one reduces its argument exactly,
    or nearly so, to a short interval around 0 and evaluates there the polynomial whose largest
    relative error is least (Remez' minimax fit to the function in double, coefficients rounded to
-   float one after the other with the rest fitted anew). Errors are in units in the last place (ulp)
-   of the exact result; they hold with and without contraction to fused multiply-adds, which is also
-   all that results of different widths can differ by.
-     log:    x = 2^n (1 + f), |f| <= 1/3;          log x = n log 2 + f + f^2 P(f)
-     exp:    x = n log 2 + f, |f| <= log(2) / 2;   e^x = 2^n (1 + f + f^2 P(f))
-     sin, cos of 2 pi u:  u = n/4 + r, |r| <= 1/8; n tells which is which, and the signs
-     arctan: of the smaller over the larger side;  a + a^3 P(a^2), reflected at 1/8 and 1/4 turn
-   Polynomials are summed in pairs, not from the highest power down: that is one multiplication more
-   and half the wait. */
+   float one after the other with the rest fitted anew), summed in pairs, which halves the wait.
+   Largest errors in units in the last place hold with and without contraction to fused
+   multiply-adds, which is also all that results of different widths can differ by.
+     log:    x = 2^n (1 + f), |f| <= 1/3;          log x = n log 2 + f + f^2 P(f)            1.9 ulp
+     exp:    x = n log 2 + f, |f| <= log(2) / 2;   e^x = 2^n (1 + f + f^2 P(f))              1.1
+     sin, cos of 2 pi u:  u = n/4 + r, |r| <= 1/8; n tells which is which, and the signs     1.7
+     arctan: of the smaller over the larger side;  a + a^3 P(a^2), reflected at 1/8 and 1/4  2 */
 
 /* c[0] + c[1] x + ... + c[7] x^7. */
 ITN__INLINE itn__floats itn__polynomial8(const float *c, itn__floats x) {
@@ -4178,9 +4167,8 @@ ITN__INLINE itn__floats itn__polynomial8(const float *c, itn__floats x) {
    last place is worth 1. */
 #define itn__nearest_ints(v) (itn__float_bits((v) + 12582912.f) - 0x4b400000)
 
-/* Natural logarithm of positive normal numbers. Zero gives -127 log 2 = -88.03; negative numbers,
-   infinity and NaN are not for this function. |f + f^2 P - log(1 + f)| <= 2.7e-8 |log(1 + f)|; in
-   all below 1.9 ulp, and 1.6 ulp between 0 and 1. */
+/* Natural logarithm of positive normal numbers; not of negative ones, infinity and NaN. Zero gives
+   -127 log 2 = -88.03. */
 ITN__INLINE itn__floats itn__vlog(itn__floats x) {
     static const float c[8] = {-.499999374f, .333332002f,  -.250077456f, .200110793f,
                                -.16417098f,  .139970019f, -.153832182f, .140213028f};
@@ -4192,8 +4180,7 @@ ITN__INLINE itn__floats itn__vlog(itn__floats x) {
 }
 
 /* e^x for any x: 0 below -104, infinity above 88.73, NaN for NaN. Two factors make up 2^n, since n
-   reaches beyond the exponents of floats. |error of the polynomial| <= 3.2e-9 e^f; in all below
-   1.1 ulp, denormal results included. */
+   reaches beyond the exponents of floats. */
 ITN__INLINE itn__floats itn__vexp(itn__floats x) {
     itn__words twice, half; /* exponents as floats keep them: each factor adds 127 */
     x = itn__most(itn__splat(-105), x);
@@ -4210,8 +4197,7 @@ ITN__INLINE itn__floats itn__vexp(itn__floats x) {
     return sum * itn__bits_float(itn__word_ints((twice - half) << 23));
 }
 
-/* Sine and cosine of 2 pi u, |u| < 1e4. The reduction is exact. Relative errors of the polynomials
-   are 2.8e-8 (sine) and 4e-8 (cosine); in all below 1.7 ulp. */
+/* Sine and cosine of 2 pi u, |u| < 1e4. */
 ITN__INLINE void itn__vsincos_turns(itn__floats u, itn__floats *sine, itn__floats *cosine) {
     itn__ints n = itn__nearest_ints(4 * u), swapped = -(n & 1), sign = itn__splat_int(INT32_MIN);
     itn__floats r = u - .25f * itn__to_floats(n), z = r * r;
@@ -4224,8 +4210,7 @@ ITN__INLINE void itn__vsincos_turns(itn__floats u, itn__floats *sine, itn__float
 }
 
 /* The angle of the vector (x, y) in [-pi, pi], signs as in atan2; (0, 0) has angle 0 or, if x is
-   -0, pi. Not for two infinities. |error of the polynomial| <= 1.7e-8 arctan a; in all below 2
-   ulp. */
+   -0, pi. Not for two infinities. */
 ITN__INLINE itn__floats itn__vatan2(itn__floats y, itn__floats x) {
     static const float c[8] = {-.333331525f,  .199937671f,  -.14211002f,   .106657684f,
                                -.0755165592f, .0432046354f, -.0163631029f, .00291939313f};
@@ -5405,7 +5390,7 @@ typedef struct itn__render {
     itn_render_options options; /* with a number in the place of each 0; spp: of a pixel, most */
     const int *parameters;      /* [count] asked for */
     int channels, count;
-    struct itn__scratch *scratch; /* what all that follows is taken from */
+    struct itn__scratch *scratch, **block; /* memory for all that follows; what is next of it */
     float *theta;      /* a copy of the caller's, or the scene's own values */
     int *slots, *only; /* of each parameter: its place among those asked for, or -1; of each asked
                           for: the channel that it belongs to, or -1 for all */
@@ -7347,40 +7332,38 @@ static void itn__run_unit(itn__crowd *crowd) {
     itn__learn_all(crowd);
 }
 
-/* The numbers of a medium at theta. */
-static void itn__substance_make(const itn__render *render, const itn__medium *medium,
-                                itn__substance *out) {
-    const float *theta = render->theta;
-    float reduced, albedo = 0; /* mean of the channels */
-    out->medium = medium, out->sigma_t = theta[medium->sigma_t[0]], out->g = theta[medium->g[0]];
-    out->mean_free_path = 1 / out->sigma_t;
-    for (int c = 0; c < 3; c++)
-        out->albedo[c] = theta[medium->albedo + (c < render->channels ? c : 0)];
-    for (int c = 0; c < 3; c++) albedo += out->albedo[c] / 3;
-    reduced = 1 - out->g * albedo; /* the decay of V is that of diffusion */
-    out->value.decay = itn__clamp(sqrtf(3 * (1 - albedo) * reduced), .1f * fminf(reduced, 1),
-                                  .95f / (ITN__DECAYS - 1));
-}
-
 #define ITN__LESSONS 32768. /* paths that V is learnt from */
 
 /* What the fast walk knows once it has its tables: the numbers of all media at theta, where the
    camera is, and what is known of the lights. */
 static void itn__fast_know(itn__render *render) {
     const itn_scene *scene = render->scene;
+    const float *theta = render->theta;
     double level = 0;
     float brightest = 0; /* of albedos and reflectances: what an object can be in a light of 1 */
     for (int i = 0; i < scene->parameter_count; i++)
-        if (itn__is_a(scene, i, 'S')) brightest = itn__max(brightest, render->theta[i]);
-    for (int i = 0; i < scene->medium_count; i++)
-        itn__substance_make(render, &scene->media[i], &render->substances[1 + i]);
+        if (itn__is_a(scene, i, 'S')) brightest = itn__max(brightest, theta[i]);
+    for (int i = 0; i < scene->medium_count; i++) {
+        const itn__medium *medium = &scene->media[i];
+        itn__substance *at = &render->substances[1 + i];
+        float albedo = 0; /* mean of the channels */
+        at->medium = medium, at->sigma_t = theta[medium->sigma_t[0]], at->g = theta[medium->g[0]];
+        at->mean_free_path = 1 / at->sigma_t;
+        for (int c = 0; c < 3; c++) {
+            at->albedo[c] = theta[medium->albedo + (c < render->channels ? c : 0)];
+            albedo += at->albedo[c] / 3;
+        }
+        float reduced = 1 - at->g * albedo; /* the decay of V is that of diffusion */
+        at->value.decay = itn__clamp(sqrtf(3 * (1 - albedo) * reduced), .1f * fminf(reduced, 1),
+                                     .95f / (ITN__DECAYS - 1));
+    }
     render->camera.sides = scene->sides;
     itn__settle(scene, &render->camera);
     render->outside = itn__substance_of(render, &render->camera) == 0;
     render->only_constant = 1;
     for (int i = 0; i < scene->light_count; i++) {
         const itn__light *light = &scene->lights[i];
-        float scale = render->theta[light->parameter];
+        float scale = theta[light->parameter];
         if (light->share > 0) render->shadows = 1;
         if (render->count && render->slots[light->parameter] >= 0) render->scales = 1;
         if (light->kind != ITN__LIGHT_CONSTANT) render->only_constant = 0;
@@ -7395,10 +7378,9 @@ static void itn__fast_know(itn__render *render) {
     render->roulette = render->count ? ITN__ROULETTE / 2 : ITN__ROULETTE;
     /* it pays with one medium in light that is everywhere the same, and many paths; derivatives
        have learnt V anyway */
-    render->controls = render->options.estimator == ITN_ESTIMATOR_BASELINE &&
-                       render->only_constant && scene->medium_count == 1 &&
-                       render->samples * render->walks >=
-                           (render->count ? 1 : 4) * ITN__LESSONS;
+    if (render->options.estimator == ITN_ESTIMATOR_BASELINE && render->only_constant)
+        render->controls = scene->medium_count == 1 && render->samples * render->walks >=
+                                                           (render->count ? 1 : 4) * ITN__LESSONS;
     render->rows = render->count ? ITN__ROWS : render->controls ? ITN__VALUE_ROWS : ITN__FEW_ROWS;
 }
 
@@ -7416,62 +7398,55 @@ static void itn__fast_know(itn__render *render) {
    sum over a set of n and N = sum n, the mean is sum t / N, and its variance
    (sum t^2 / n / N - mean^2) / (sets - 1).
 
-   A render's memory is taken piece by piece and given back at once. Fresh pages from the system
-   cost more than a small render: so the scene keeps a block with room for all pieces of the last
-   one, unless it is large. Of several renders at once one has it, and the others allocate. */
+   A render's memory is taken block by block and given back at once. Fresh pages from the system
+   cost more than a small render: so the scene keeps the chain of the last one's blocks, unless it
+   is large, and the next one, which mostly asks for the same, takes them in the same order. Of
+   several renders at once one has it, and the others allocate. */
 typedef struct itn__scratch {
     itn__kept kept;
-    size_t size, used, most;   /* bytes; of them, or in pieces of their own, taken; ever taken */
-    struct itn__scratch *more; /* such pieces */
+    size_t size; /* bytes behind the header */
+    struct itn__scratch *next;
 } itn__scratch;
-enum { ITN__PIECE = 64, ITN__KEPT_BYTES = 4 << 20 }; /* kept for each thread */
+enum { ITN__HEADER = 64, ITN__KEPT_BYTES = 4 << 20 }; /* kept for each thread */
 
 static void itn__scratch_free(const itn_context *context, void *kept) {
     while (kept) {
-        void *more = ((itn__scratch *)kept)->more;
+        void *next = ((itn__scratch *)kept)->next;
         itn__free(context, kept);
-        kept = more;
+        kept = next;
     }
 }
 
-static itn__scratch *itn__scratch_make(const itn_context *context, size_t size) {
-    itn__scratch *made = (itn__scratch *)itn__allocate_raw(context, ITN__PIECE + size);
-    const itn__scratch empty = {{itn__scratch_free}, size, 0, 0, NULL};
-    if (made) *made = empty;
-    return made;
-}
-
-/* Takes count * size zeroed bytes; returns NULL if that overflows or memory is out. */
+/* Takes count * size zeroed bytes; returns NULL if that overflows or memory is out. A block that is
+   too small is replaced. What a copy of the render takes is free again for the render itself. */
 #define ITN__TAKE(type, render, count) ((type *)itn__take(render, (size_t)(count), sizeof(type)))
-static void *itn__take(const itn__render *render, size_t count, size_t size) {
-    itn__scratch *scratch = render->scratch, *from = scratch;
-    size_t at = scratch->used;
+static void *itn__take(itn__render *render, size_t count, size_t size) {
+    const itn_context *context = &render->scene->context;
+    itn__scratch *block = *render->block;
     if (size && count > SIZE_MAX / 4 / size) return NULL;
-    size_t bytes = (count * size + ITN__PIECE - 1) / ITN__PIECE * ITN__PIECE;
-    if (at + bytes > scratch->size) {
-        from = itn__scratch_make(&render->scene->context, bytes), at = 0;
-        if (!from) return NULL;
-        from->more = scratch->more, scratch->more = from;
+    if (!block || block->size < count * size) {
+        itn__scratch *next = block ? block->next : NULL;
+        itn__free(context, block);
+        block = (itn__scratch *)itn__allocate_raw(context, ITN__HEADER + count * size);
+        *render->block = block ? block : next;
+        if (!block) return NULL;
+        block->kept.release = itn__scratch_free, block->size = count * size, block->next = next;
     }
-    scratch->used += bytes;
-    if (scratch->most < scratch->used) scratch->most = scratch->used;
-    return memset((char *)from + ITN__PIECE + at, 0, bytes);
+    render->block = &block->next;
+    return memset((char *)block + ITN__HEADER, 0, count * size);
 }
 
 /* Ends a render: tells what it did, and gives its memory to the scene. */
 static itn_result itn__render_end(itn__render *render, itn_result result) {
-    itn__scratch *scratch = render->scratch;
-    if (!scratch) return result;
     const itn_scene *scene = render->scene;
-    size_t most = scratch->most, threads = (size_t)itn__loop_threads(&scene->context);
-    int keep = !result && most / ITN__KEPT_BYTES < threads;
+    size_t bytes = 0;
+    if (!render->scratch) return result;
     if (!result && render->options.stats) *render->options.stats = render->stats;
-    if (scratch->more || !keep) {
-        itn__scratch_free(&scene->context, scratch);
-        scratch = keep ? itn__scratch_make(&scene->context, most) : NULL;
-    }
-    if (scratch && !itn__once_set(&scene->kept[ITN__SCRATCH], scratch))
-        itn__scratch_free(&scene->context, scratch);
+    for (const itn__scratch *block = render->scratch; block; block = block->next)
+        bytes += block->size;
+    if (result || bytes / ITN__KEPT_BYTES >= (size_t)itn__loop_threads(&scene->context) ||
+        !itn__once_set(&scene->kept[ITN__SCRATCH], render->scratch))
+        itn__scratch_free(&scene->context, render->scratch);
     return result;
 }
 
@@ -7632,9 +7607,7 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
     itn_result result = itn__check_options(render, error);
     if (result) return result;
     render->scratch = (itn__scratch *)itn__once_take(&scene->kept[ITN__SCRATCH]);
-    if (!render->scratch) render->scratch = itn__scratch_make(&scene->context, 0);
-    if (!render->scratch) return itn__out_of_memory(error, "a render");
-    render->scratch->used = render->scratch->most = 0;
+    render->block = &render->scratch;
     render->theta = ITN__TAKE(float, render, scene->parameter_count);
     render->slots = ITN__TAKE(int, render, scene->parameter_count);
     render->only = ITN__TAKE(int, render, scene->parameter_count);
@@ -7649,7 +7622,7 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
 
 /* A walk of the reference, with memory for the scores of a path, those of a shadow ray, and
    derivatives. Returns 0 if there is none. */
-static int itn__walk_make(itn__walk *walk, const itn__render *render, itn__texels *texels) {
+static int itn__walk_make(itn__walk *walk, itn__render *render, itn__texels *texels) {
     memset(walk, 0, sizeof *walk);
     walk->scene = render->scene, walk->theta = render->theta, walk->slots = render->slots;
     walk->channels = render->channels, walk->count = walk->score_count = render->count;
@@ -7669,7 +7642,7 @@ static int itn__walk_make(itn__walk *walk, const itn__render *render, itn__texel
 
 #ifndef ITN_NO_FAST
 /* Makes a crowd that leaves what its units bring in `radiance`; NULL if there is no memory. */
-static itn__crowd *itn__crowd_make(const itn__render *render, float *radiance) {
+static itn__crowd *itn__crowd_make(itn__render *render, float *radiance) {
     int substances = 1 + render->scene->medium_count;
     itn__crowd *crowd = ITN__TAKE(itn__crowd, render, 1);
     itn__queue *queues = ITN__TAKE(itn__queue, render, substances + render->scene->surface_count);
@@ -7691,7 +7664,7 @@ static itn__crowd *itn__crowd_make(const itn__render *render, float *radiance) {
 enum { ITN__TEXEL_COPIES = 16, ITN__TEXEL_VALUES = 4 << 20 };
 
 /* Makes a worker for units of so many camera rays. Returns 0 if there is no memory. */
-static int itn__worker_make(const itn__render *render, itn__worker *worker, int rays) {
+static int itn__worker_make(itn__render *render, itn__worker *worker, int rays) {
     itn__texels *texels = render->texels ? &worker->texels : NULL;
     worker->values = ITN__TAKE(float, render, (size_t)rays * (size_t)render->planes);
     worker->set = ITN__TAKE(double, render, render->sums);
@@ -7848,7 +7821,6 @@ static itn_result itn__do_tiles(itn__render *render, itn_error *error) {
    stay unbiased. */
 static itn_result itn__learn_values(itn__render *render, itn_error *error) {
     double pixels = (double)render->pixels;
-    size_t mark = render->scratch->used;
     int learnt = 0;
     itn__render pilot = *render;
     itn_render_options *o = &pilot.options;
@@ -7868,7 +7840,6 @@ static itn_result itn__learn_values(itn__render *render, itn_error *error) {
         learnt |= itn__fit_value(render, &render->substances[m], lessons);
     }
     if (!learnt) render->controls = 0; /* nothing is met */
-    render->scratch->used = mark;
     return result;
 }
 #endif
@@ -8045,7 +8016,6 @@ static itn_result itn__render_loss(itn__render *render, double *loss, itn_error 
     size_t values = render->pixels * (size_t)render->channels;
     const float *target = render->weights;
     float *weights = ITN__TAKE(float, render, values);
-    size_t mark = render->scratch->used;
     itn__render residual = *render;
     double variance, sum = 0;
     residual.count = 0, residual.planes = residual.sums = residual.channels;
@@ -8063,7 +8033,7 @@ static itn_result itn__render_loss(itn__render *render, double *loss, itn_error 
         weights[i] = (float)(2 * off / (double)values);
     }
     *loss = sum / (double)values;
-    render->stats = residual.stats, render->scratch->used = mark;
+    render->stats = residual.stats;
     if (!itn__finite(sum))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "itn_loss_gradient: squares of the image's values are too large for a "
@@ -9877,7 +9847,7 @@ static double itn__say_product(itn__wording *words, const int *in, int n) {
         if (fabs(power) < .005) continue;
         itn__say(&words->prose, words->powers[in[i]] < 0 ? " (1-%s)" : " %s",
                  words->parameters[in[i]]->name);
-        if (fabs(power - 1) > .005) itn__say(&words->prose, "^%.2f", power);
+        if (fabs(power - 1) > .005) itn__say(&words->prose, "^%.3g", power);
     }
     return sqrt(fmax(a[best * n + best], 0)) / fabs(most);
 }

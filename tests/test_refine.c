@@ -1843,7 +1843,7 @@ static void test_words(int planted) {
     CHECK(length == (int)strlen(text));
     check_report(!strcmp(text, "m.albedo is determined: to +-0.0009\n"
                                "m.sigma_t and m.g are determined only together: m.sigma_t "
-                               "(1-m.g)^0.50 to 1 %, but m.sigma_t alone to 16 %, m.g alone to "
+                               "(1-m.g)^0.5 to 1 %, but m.sigma_t alone to 16 %, m.g alone to "
                                "+-0.19\n"), __FILE__, __LINE__, "words: %s", text);
     e[0].value *= 1e-9, e[0].standard_error *= 1e-9; /* in another unit of length: the same words */
     for (i = 0; i < 3; i++) covariance[i] *= 1e-9, covariance[3 * i] *= 1e-9;
@@ -1859,7 +1859,7 @@ static void test_words(int planted) {
     }
     e[2].determined = 1;
     itn_refine_words(p, 3, e, covariance, NULL, cut, sizeof cut);
-    CHECK(strstr(cut, "m.sigma_t and m.g are determined, best together: m.sigma_t (1-m.g)^0.50 to "
+    CHECK(strstr(cut, "m.sigma_t and m.g are determined, best together: m.sigma_t (1-m.g)^0.5 to "
                       "1 %; m.sigma_t alone to 16 %, m.g alone to +-0.19\n") != NULL);
     covariance[2] = covariance[6] = 0, e[0].determined = 0;
     itn_refine_words(p, 3, e, covariance, NULL, text, sizeof text);
