@@ -6047,12 +6047,6 @@ static void itn__enqueue(const itn__crowd *crowd, itn__queue *queue, const itn__
     queue->slots[queue->count++] = (int32_t)(path - crowd->paths);
 }
 
-/* Whether p lies in the box of the scene's solids; a walk that has lost its solid does not. */
-static int itn__within(const itn_scene *scene, itn_vec3 p) {
-    itn_vec3 a = scene->lower, b = scene->upper;
-    return p.x >= a.x && p.y >= a.y && p.z >= a.z && p.x <= b.x && p.y <= b.y && p.z <= b.z;
-}
-
 /* The substance at a place: 1 + the medium's index, or 0 where nothing scatters or absorbs. */
 static int itn__substance_of(const itn__render *render, const itn__place *place) {
     const itn__medium *medium = itn__medium_of(render->scene, place->inside);
@@ -6069,21 +6063,18 @@ static void itn__depart(itn__crowd *crowd, itn__path *path) {
 
 /* With ITN_SAMPLER_SOBOL the first random numbers come from the dimensions of a scrambled Sobol
    sequence: the place in the pixel (0 and 1), and draws 2 to 7 of a path, at its first boundary and
-   first collision. Where the draw just made (dimension - 1) is one of these, u becomes such. */
-ITN__NOINLINE void itn__early_draws(const itn__state *s, itn__ints mask, itn__floats *u) {
+   first collision. Returns the next number of each lane in the mask. */
+ITN__NOINLINE itn__floats itn__draw(const itn__crowd *crowd, itn__state *s, itn__ints mask) {
+    itn__floats u = itn__uniforms(itn__int_words(s->key0), itn__int_words(s->key1), &s->dimension,
+                                  mask);
+    mask &= itn__int_less(s->dimension, itn__splat_int(ITN__SOBOL_DIMENSIONS + 1));
+    if (crowd->render->options.sampler != ITN_SAMPLER_SOBOL || !itn__mask_bits(mask)) return u;
     for (int k = 2; k < ITN__SOBOL_DIMENSIONS; k++) {
         itn__ints here = mask & itn__int_equal(s->dimension, itn__splat_int(k + 1));
         if (itn__mask_bits(here))
-            *u = itn__select(here, itn__sobol(itn__int_words(s->index), k,
-                                              itn__int_words(s->scramble)), *u);
+            u = itn__select(here, itn__sobol(itn__int_words(s->index), k,
+                                             itn__int_words(s->scramble)), u);
     }
-}
-ITN__INLINE itn__floats itn__draw(const itn__crowd *crowd, itn__state *s, itn__ints mask) {
-    itn__floats u = itn__uniforms(itn__int_words(s->key0), itn__int_words(s->key1), &s->dimension,
-                                  mask);
-    itn__ints here = itn__int_less(s->dimension, itn__splat_int(ITN__SOBOL_DIMENSIONS + 1));
-    if (crowd->render->options.sampler == ITN_SAMPLER_SOBOL && itn__mask_bits(here & mask))
-        itn__early_draws(s, here & mask, &u);
     return u;
 }
 
@@ -6096,15 +6087,27 @@ static void itn__bring(itn__crowd *crowd, const itn__path *path, int k, int c, f
     planes[render->channels * (1 + k) + c] += value;
 }
 
-/* The derivatives by lights' scales: `value` in each channel has come from the path's direction,
-   and each light has the part in it that it has in all light from there, where sampled lights count
+/* Adds `value` in channel c, and its derivatives by the path's scores. */
+static void itn__bring_scored(itn__crowd *crowd, const itn__path *path, int c, float value) {
+    const int *only = crowd->render->only;
+    itn__bring(crowd, path, -1, c, value);
+    for (int k = 0; k < crowd->render->count; k++)
+        if (only[k] < 0 || only[k] == c) itn__bring(crowd, path, k, c, value * path->scores[k]);
+}
+
+/* A path brings home `value` of light from its direction. Of derivatives by lights' scales, each
+   light has the part in it that it has in all light from there, where sampled lights count
    `sampled` times and others `plain` times. */
-static void itn__bring_scales(itn__crowd *crowd, const itn__path *path, float sampled, float plain,
-                              const float value[3]) {
+static void itn__bring_home(itn__crowd *crowd, const itn__path *path, float sampled, float plain,
+                            const float value[3]) {
     const itn__render *render = crowd->render;
     const itn_scene *scene = render->scene;
     float all[3] = {0, 0, 0}, rgb[3];
-    for (int i = 0; i < 2 * scene->light_count; i++) { /* first the sum, then the parts */
+    for (int c = 0; c < render->channels; c++) {
+        itn__bring_scored(crowd, path, c, value[c]);
+        path->owner->brought[c] += value[c];
+    }
+    for (int i = 0; render->scales && i < 2 * scene->light_count; i++) { /* the sum, then parts */
         const itn__light *light = &scene->lights[i % scene->light_count];
         float counts = light->share > 0 ? sampled : plain;
         int slot = render->slots[light->parameter], parts = i >= scene->light_count;
@@ -6116,24 +6119,6 @@ static void itn__bring_scales(itn__crowd *crowd, const itn__path *path, float sa
             else if (all[c] > 0) /* the share first, or it overflows */
                 itn__bring(crowd, path, slot, c, value[c] * (counts * rgb[c] / all[c]));
     }
-}
-
-/* Adds `value` in channel c, and its derivatives by the path's scores. */
-static void itn__bring_scored(itn__crowd *crowd, const itn__path *path, int c, float value) {
-    const int *only = crowd->render->only;
-    itn__bring(crowd, path, -1, c, value);
-    for (int k = 0; k < crowd->render->count; k++)
-        if (only[k] < 0 || only[k] == c) itn__bring(crowd, path, k, c, value * path->scores[k]);
-}
-
-/* A path brings home `value` of light from its direction; sampled, plain: see above. */
-static void itn__bring_home(itn__crowd *crowd, const itn__path *path, float sampled, float plain,
-                            const float value[3]) {
-    for (int c = 0; c < crowd->render->channels; c++) {
-        itn__bring_scored(crowd, path, c, value[c]);
-        path->owner->brought[c] += value[c];
-    }
-    if (crowd->render->scales) itn__bring_scales(crowd, path, sampled, plain, value);
 }
 
 /* A choice made with a density p that depends on a parameter has the score s = d ln p, of mean 0
@@ -6220,32 +6205,27 @@ enum { ITN__LESSON_SUMS = ITN__TERMS * (ITN__TERMS + 3) };
 static const double itn__legendre[ITN__ORDERS][ITN__ORDERS] = {
     {1}, {0, 1}, {-.5, 0, 1.5}, {0, -1.5, 0, 2.5}, {.375, 0, -3.75, 0, 4.375}};
 
-/* What a path has brought home since its mark is a lesson. */
-static void itn__learn(const itn__crowd *crowd, const itn__path *path) {
-    const itn__value *value = &crowd->render->substances[path->mark].value;
-    double *sums = crowd->lessons + (size_t)path->mark * ITN__LESSON_SUMS;
-    double term[ITN__TERMS], lesson[3] = {0, 0, 0}, mu = path->mark_cosine;
-    for (int c = 0; c < crowd->render->channels; c++) {
-        lesson[c] = path->brought[c] / (path->mark_weight[c] * crowd->render->lesson_unit);
-        lesson[c] = lesson[c] > 0 ? floor(fmin(lesson[c], ITN__LARGEST_LESSON)) : 0;
-    }
-    for (int i = 0; i < ITN__TERMS; i++) { /* e^(-k_i z) P_l(mu) */
-        double decay = (double)value->decay * (i / ITN__ORDERS), sum = 0;
-        for (int j = ITN__ORDERS - 1; j >= 0; j--)
-            sum = sum * mu + itn__legendre[i % ITN__ORDERS][j];
-        term[i] = floor(sum * exp(-decay * path->mark_depth) * ITN__TERM_STEPS + .5);
-    }
-    for (int i = 0; i < ITN__TERMS; i++, sums += ITN__TERMS + 3) {
-        for (int j = 0; j <= i; j++) sums[j] += term[i] * term[j];
-        for (int c = 0; c < 3; c++) sums[ITN__TERMS + c] += term[i] * lesson[c];
-    }
-}
-
-/* Of all paths that have ended, and whose shadow rays have, too. */
-static void itn__learn_all(itn__crowd *crowd) {
-    for (int i = 0; i < crowd->unused_count && crowd->render->learning; i++) {
-        itn__path *path = &crowd->paths[crowd->unused[i]];
-        if (path->mark) itn__learn(crowd, path);
+/* Of all paths that have ended, and whose shadow rays have, too, what they have brought home since
+   their mark is a lesson. */
+static void itn__learn(itn__crowd *crowd) {
+    for (int p = 0; p < crowd->unused_count && crowd->render->learning; p++) {
+        itn__path *path = &crowd->paths[crowd->unused[p]];
+        const itn__value *value = &crowd->render->substances[path->mark].value;
+        double *sums = crowd->lessons + (size_t)path->mark * ITN__LESSON_SUMS;
+        double term[ITN__TERMS], lesson[3] = {0, 0, 0}, mu = path->mark_cosine;
+        if (!path->mark) continue;
+        for (int c = 0; c < crowd->render->channels; c++) {
+            lesson[c] = path->brought[c] / (path->mark_weight[c] * crowd->render->lesson_unit);
+            lesson[c] = lesson[c] > 0 ? floor(fmin(lesson[c], ITN__LARGEST_LESSON)) : 0;
+        }
+        for (int i = 0; i < ITN__TERMS; i++, sums += ITN__TERMS + 3) { /* e^(-k_i z) P_l(mu) */
+            double decay = (double)value->decay * (i / ITN__ORDERS), sum = 0;
+            for (int j = ITN__ORDERS - 1; j >= 0; j--)
+                sum = sum * mu + itn__legendre[i % ITN__ORDERS][j];
+            term[i] = floor(sum * exp(-decay * path->mark_depth) * ITN__TERM_STEPS + .5);
+            for (int j = 0; j <= i; j++) sums[j] += term[i] * term[j];
+            for (int c = 0; c < 3; c++) sums[ITN__TERMS + c] += term[i] * lesson[c];
+        }
         path->mark = 0;
     }
 }
@@ -6302,24 +6282,21 @@ static int itn__fit_value(const itn__render *render, itn__substance *substance,
     return 1;
 }
 
-/* Where paths are, and where they go, seen from their plane: z, mu, e^(-k_i z). */
+/* Where paths are that have gone on for tau mean free paths in directions d, and where they go,
+   seen from their plane: z, mu, e^(-k_i z). */
 typedef struct itn__view {
     itn__floats depth, cosine, fall[ITN__DECAYS];
 } itn__view;
 
-/* e^(-k_i z) for all i. */
-ITN__INLINE void itn__falls(const itn__value *value, itn__floats depth, itn__floats *fall) {
-    fall[0] = itn__splat(1), fall[1] = itn__vexp(depth * -value->decay);
-    for (int i = 2; i < ITN__DECAYS; i++) fall[i] = fall[i - 1] * fall[1];
-}
-
 static itn__view itn__view_of(const itn__substance *substance, const itn__state *s,
-                              const itn__vectors *d) {
+                              const itn__vectors *d, itn__floats tau) {
     itn__view view;
-    view.depth = itn__most(substance->sigma_t * (s->level - itn__vdot(s->up, s->p)),
-                           itn__splat(0));
+    itn__floats zero = itn__splat(0);
+    view.depth = itn__most(substance->sigma_t * (s->level - itn__vdot(s->up, s->p)), zero);
     view.cosine = -itn__vdot(s->up, *d);
-    itn__falls(&substance->value, view.depth, view.fall);
+    view.depth = itn__most(view.depth + view.cosine * tau, zero);
+    view.fall[0] = itn__splat(1), view.fall[1] = itn__vexp(view.depth * -substance->value.decay);
+    for (int i = 2; i < ITN__DECAYS; i++) view.fall[i] = view.fall[i - 1] * view.fall[1];
     return view;
 }
 
@@ -6366,7 +6343,7 @@ ITN__NOINLINE void itn__look_ahead(const itn__render *render, const itn__substan
                                    const itn__state *s, itn__ahead *a) {
     const itn__value *value = &substance->value;
     itn__floats zero = itn__splat(0), mu;
-    a->view = itn__view_of(substance, s, &s->d), mu = a->view.cosine;
+    a->view = itn__view_of(substance, s, &s->d, zero), mu = a->view.cosine;
     a->up = itn__less(mu, zero);
     a->to_face = itn__least(a->view.depth / itn__select(a->up, -mu, itn__splat(1)),
                             itn__splat(ITN__FAR));
@@ -6391,13 +6368,13 @@ ITN__NOINLINE void itn__look_ahead(const itn__render *render, const itn__substan
 ITN__NOINLINE void itn__control_flight(const itn__render *render, const itn__substance *substance,
                                        itn__state *s, const itn__ahead *a, itn__ints mask) {
     const itn__value *value = &substance->value;
-    itn__floats tau = substance->sigma_t * s->distance, fall[ITN__DECAYS];
+    itn__floats tau = substance->sigma_t * s->distance;
+    itn__view end = itn__view_of(substance, s, &s->d, tau);
     itn__ints crosses = a->up & itn__less(a->to_face, tau);
     itn__floats zero = itn__splat(0), score = itn__select(crosses, -a->to_face, 1 - tau);
-    itn__falls(value, itn__most(a->view.depth + a->view.cosine * tau, zero), fall);
     for (int c = 0; c < render->channels; c++) {
         itn__floats collided = a->omega[c][0];
-        for (int i = 1; i < ITN__DECAYS; i++) collided = collided + fall[i] * a->omega[c][i];
+        for (int i = 1; i < ITN__DECAYS; i++) collided = collided + end.fall[i] * a->omega[c][i];
         itn__floats beta = itn__select(mask, s->beta[c], zero);
         s->hit_base[c] = s->hit_base[c] +
                          beta * (itn__select(crosses, zero, collided) - a->inside[c]);
@@ -6414,7 +6391,7 @@ ITN__NOINLINE void itn__control_direction(const itn__render *render,
                                           const itn__vectors *d, itn__floats score,
                                           itn__ints mask) {
     const itn__value *value = &substance->value;
-    itn__view view = itn__view_of(substance, s, d);
+    itn__view view = itn__view_of(substance, s, d, itn__splat(0));
     itn__floats cosine = -itn__vdot(s->up, s->d);
     for (int c = 0; c < render->channels; c++) {
         itn__floats beta = itn__select(mask, s->beta[c], itn__splat(0));
@@ -6427,49 +6404,40 @@ ITN__NOINLINE void itn__control_direction(const itn__render *render,
     }
 }
 
-/* What is expected of a bounce at facet m of a dielectric boundary: *mean over both ways from
-   there, and *taken of the way that goes through, or does not. Inside V at the face is expected,
-   outside the light, the same everywhere. */
-static void itn__expect_bounce(const itn__render *render, const itn__site *site,
-                               const itn__vectors *m, int c, itn__ints through,
-                               itn__floats *mean, itn__floats *taken) {
-    const itn__value *value = &render->substances[render->controls].value;
-    itn__floats zero = itn__splat(0), one = itn__splat(1), brings[2];
-    itn__floats alpha = itn__splat(site->smooth ? 0 : site->theta[site->surface->alpha]);
-    itn__num cos_t;
-    itn__num fresnel = itn__fresnel(itn__constant(itn__least(itn__vdot(site->i, *m), one)),
-                                    itn__constant(site->eta.v), &cos_t);
-    for (int way = 0; way < 2; way++) {
-        itn__vectors o;
-        itn__ints good = itn__sample_dielectric(&site->i, m, site->eta.v, itn__splat(way), &o);
-        itn__ints outside = ~(itn__less(zero, o.z) ^ itn__less(one, site->eta.v));
-        brings[way] = itn__select(outside, itn__splat(render->constant[c]),
-                                  itn__power_sum(value->entering[c], itn__absolute(o.z)));
-        brings[way] = itn__select(good, brings[way] * itn__smith(o, itn__constant(alpha)).v, zero);
-    }
-    *taken = itn__select(through, brings[1], brings[0]);
-    *mean = fresnel.v * brings[0] + itn__select(itn__less(fresnel.v, one),
-                                                (1 - fresnel.v) * brings[1], zero);
-}
-
-/* The difference of a bounce at a boundary by u, which was expected to bring the mean over both
-   ways and over four facets: the one drawn and those by numbers evenly apart from u. */
+/* The difference of a bounce at a dielectric boundary by u, which was expected to bring the mean
+   over both ways, back and through, and over four facets: those by numbers evenly apart from u, of
+   which the last is the one drawn. Inside V at the face is expected, outside the light, the same
+   everywhere. */
 ITN__NOINLINE void itn__control_bounce(const itn__render *render, itn__state *s,
                                        const itn__site *site, const itn__floats u[3],
                                        itn__ints through, itn__ints good, itn__ints mask) {
+    const itn__value *value = &render->substances[render->controls].value;
+    itn__floats zero = itn__splat(0), one = itn__splat(1);
+    itn__floats mean[3] = {zero, zero, zero}, taken[3] = {zero, zero, zero};
     itn__floats alpha = itn__splat(site->smooth ? 0 : site->theta[site->surface->alpha]);
-    itn__floats mean, taken = u[0], one;
-    int k;
-    for (int c = 0; c < render->channels; c++) {
-        for (mean = itn__splat(0), k = 3; k >= 0; k--, mean = mean + .25f * one) {
-            itn__floats v = u[0] + .5f * (float)(k % 2), w = u[1] + .25f * (float)k;
-            v = v - itn__to_floats(itn__to_ints(v)), w = w - itn__to_floats(itn__to_ints(w));
-            itn__vectors m = itn__sample_facet(&site->i, alpha, v, w);
-            itn__expect_bounce(render, site, &m, c, through, &one, &taken);
+    for (int k = 3; k >= 0; k--) {
+        itn__floats v = u[0] + .5f * (float)(k % 2), w = u[1] + .25f * (float)k;
+        v = v - itn__to_floats(itn__to_ints(v)), w = w - itn__to_floats(itn__to_ints(w));
+        itn__vectors o, m = itn__sample_facet(&site->i, alpha, v, w);
+        itn__num cos_t, cos_i = itn__constant(itn__least(itn__vdot(site->i, m), one));
+        itn__floats fresnel = itn__fresnel(cos_i, itn__constant(site->eta.v), &cos_t).v;
+        for (int way = 0; way < 2; way++) {
+            itn__ints goes = itn__sample_dielectric(&site->i, &m, site->eta.v, itn__splat(way), &o);
+            itn__ints outside = ~(itn__less(zero, o.z) ^ itn__less(one, site->eta.v));
+            itn__floats share = way ? 1 - fresnel : fresnel;
+            itn__floats lit = itn__smith(o, itn__constant(alpha)).v;
+            for (int c = 0; c < render->channels; c++) {
+                itn__floats brings = itn__select(outside, itn__splat(render->constant[c]),
+                                         itn__power_sum(value->entering[c], itn__absolute(o.z)));
+                brings = itn__select(goes, brings * lit, zero);
+                mean[c] += .25f * itn__select(itn__less(zero, share), share * brings, zero);
+                taken[c] = itn__select(way ? through : ~through, brings, taken[c]);
+            }
         }
-        itn__difference(s, c, s->beta[c] * itn__select(good, taken, itn__splat(0)),
-                        s->beta[c] * mean, mask);
     }
+    for (int c = 0; c < render->channels; c++)
+        itn__difference(s, c, s->beta[c] * itn__select(good, taken[c], zero),
+                        s->beta[c] * mean[c], mask);
 }
 
 /* ---- [flights] what flights meet, by the tables and by the triangles ------------------------- */
@@ -6693,32 +6661,28 @@ static void itn__find_hits(itn__crowd *crowd) {
    albedo or reflectance. */
 #define ITN__SHADOW_LEVEL .3
 
-/* A shadow ray has come through: brings its light home. */
-static void itn__arrive(itn__crowd *crowd, const itn__path *ray) {
-    float largest = 0, raise = 1, value[3] = {0, 0, 0};
-    for (int c = 0; c < crowd->render->channels; c++) largest = itn__max(largest, ray->beta[c]);
-    if (largest < crowd->render->shadow_cut) raise = crowd->render->shadow_cut / largest;
-    for (int c = 0; c < crowd->render->channels; c++) value[c] = raise * ray->beta[c];
-    if (largest > 0) itn__bring_home(crowd, ray, 1, 0, value);
-}
-
-/* A shadow ray has come to ray->hit and is stopped, arrives, or goes on behind an index-matched
-   boundary: then returns 1. */
+/* A shadow ray has come to ray->hit. It arrives, and brings its light home, or is stopped, or goes
+   on behind an index-matched boundary: then returns 1. */
 static int itn__pass_shadow(itn__crowd *crowd, itn__path *ray) {
     const itn__render *render = crowd->render;
-    int substance = itn__substance_of(render, &ray->place);
+    int substance = itn__substance_of(render, &ray->place), arrives = ray->hit.triangle < 0;
     float largest = 0, depth = render->substances[substance].sigma_t * itn__max(ray->hit.t, 0);
+    if (arrives && substance) return 0; /* its weight is lost on the way */
     itn_ray line;
-    if (ray->hit.triangle < 0 && !substance) itn__arrive(crowd, ray);
-    if (ray->hit.triangle < 0) return 0; /* in a medium its weight is lost on the way */
     line.origin = ray->p, line.direction = ray->d;
-    ray->event = itn__meet_faces(render->scene, render->theta, &ray->place, &line, &ray->hit);
-    if (ray->event.object >= 0) return 0;
+    if (!arrives)
+        ray->event = itn__meet_faces(render->scene, render->theta, &ray->place, &line, &ray->hit);
+    if (!arrives && ray->event.object >= 0) return 0;
     for (int c = 0; c < render->channels; c++) {
         if (substance) ray->beta[c] *= expf(-depth);
         largest = itn__max(largest, ray->beta[c]);
     }
-    if (!(largest > ray->pdf)) return 0;
+    if (arrives) {
+        float raise = itn__max(render->shadow_cut / largest, 1), value[3] = {0, 0, 0};
+        for (int c = 0; c < render->channels; c++) value[c] = raise * ray->beta[c];
+        if (largest > 0) itn__bring_home(crowd, ray, 1, 0, value);
+    }
+    if (arrives || !(largest > ray->pdf)) return 0;
     ray->flights = -depth;
     itn__book(crowd, ray, substance);
     ray->p = itn__passed_point(render->scene->bvh, ray->p, ray->d, &ray->hit);
@@ -6759,62 +6723,59 @@ ITN__NOINLINE itn__floats itn__meet_lights(const itn_scene *scene, const float *
     return itn__lights_density(scene, &to);
 }
 
-/* Directions towards the sampled lights: where there is one, its density and what comes from it. */
+/* Directions towards the sampled lights: where there is one, its density, what comes from it, and
+   then, of the shadow ray there: xi c, and how many mean free paths it reaches. */
 typedef struct itn__light_draw {
     itn__ints drawn;
     itn__vectors direction;
-    itn__floats pdf, radiance[3];
+    itn__floats pdf, radiance[3], level, depth;
 } itn__light_draw;
 
-/* Draws one for each lane of the mask, by its three uniforms. */
-ITN__NOINLINE void itn__sample_lights(const itn_scene *scene, const float *theta,
-                                      const itn__floats u[3], const itn__ints *mask,
-                                      itn__light_draw *draw) {
-    itn__floats others[3];
+/* Draws one for each lane of the mask. */
+ITN__NOINLINE void itn__sample_lights(const itn__crowd *crowd, itn__state *s,
+                                      const itn__ints *mask, itn__light_draw *draw) {
+    const itn_scene *scene = crowd->render->scene;
+    itn__floats u[3], others[3];
     itn__towards to;
+    for (int k = 0; k < 3; k++) u[k] = itn__draw(crowd, s, *mask);
     itn__draw_lights(scene, u, *mask, &to, &draw->pdf);
     draw->drawn = itn__less(itn__splat(0), draw->pdf), draw->direction = to.d;
-    itn__sum_radiance(scene, theta, &to, draw->radiance, others);
+    itn__sum_radiance(scene, crowd->render->theta, &to, draw->radiance, others);
 }
 
-/* Where shadow rays of the lanes go. */
-static itn__light_draw itn__light_for(const itn__crowd *crowd, itn__state *s, itn__ints mask) {
-    itn__floats u[3];
-    itn__light_draw light;
-    for (int k = 0; k < 3; k++) u[k] = itn__draw(crowd, s, mask);
-    itn__sample_lights(crowd->render->scene, crowd->render->theta, u, &mask, &light);
-    return light;
-}
-
-/* Which shadow rays roulette leaves whose weights are in `radiance`. *level receives xi c, *depth
-   how many mean free paths they reach. */
+/* Which shadow rays of the mask roulette leaves, that are scattered with factor f and would be by
+   chance with density pdf. Their radiance becomes what they would bring. */
 static unsigned itn__cut_shadows(const itn__crowd *crowd, const itn__state *s, itn__ints mask,
-                                 const itn__floats radiance[3], itn__floats *level,
-                                 itn__floats *depth) {
+                                 const itn__floats f[3], itn__floats pdf, itn__light_draw *draw) {
     itn__ints dimension = s->dimension + itn__splat_int(1 << 30);
-    itn__floats largest = radiance[0];
-    for (int c = 1; c < crowd->render->channels; c++) largest = itn__most(largest, radiance[c]);
-    *level = crowd->render->shadow_cut *
-             itn__uniforms(itn__int_words(s->key0), itn__int_words(s->key1), &dimension, mask);
-    mask &= itn__less(*level, largest);
-    *depth = itn__vlog(itn__select(mask, itn__least(largest / *level, itn__splat(FLT_MAX)),
-                                   itn__splat(1)));
+    itn__floats largest = itn__splat(0);
+    for (int c = 0; c < crowd->render->channels; c++) {
+        draw->radiance[c] = s->beta[c] * f[c] * draw->radiance[c] / (draw->pdf + pdf);
+        largest = itn__most(largest, draw->radiance[c]);
+    }
+    mask &= draw->drawn;
+    draw->level = crowd->render->shadow_cut *
+                  itn__uniforms(itn__int_words(s->key0), itn__int_words(s->key1), &dimension, mask);
+    mask &= itn__less(draw->level, largest);
+    draw->depth = itn__vlog(itn__select(
+        mask, itn__least(largest / draw->level, itn__splat(FLT_MAX)), itn__splat(1)));
     return itn__mask_bits(mask);
 }
 
 /* A shadow ray of lane k that reaches that far, with the place and scores of its path. */
 static itn__path *itn__send_shadow(itn__crowd *crowd, const itn__state *s, int k,
-                                   const itn__light_draw *light, float level, float reach) {
+                                   const itn__light_draw *draw, float reach) {
     itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
     size_t count = (size_t)crowd->render->count;
     if (crowd->ray_count == ITN__CROWD) itn__trace_shadows(crowd);
     itn__path *ray = &crowd->rays[crowd->ray_count];
     memset(&ray->control, 0, (ITN__ROWS - ITN__FEW_ROWS) * sizeof(float));
-    ray->owner = path, ray->place = path->place, ray->distance = reach, ray->pdf = level;
+    ray->owner = path, ray->place = path->place, ray->distance = reach;
+    ray->pdf = ITN__LANE(draw->level, k);
     ray->scores = crowd->scores + (size_t)(ITN__CROWD + crowd->ray_count++) * count;
-    ray->p = itn__lane_vector(&s->p, k), ray->d = itn__lane_vector(&light->direction, k);
+    ray->p = itn__lane_vector(&s->p, k), ray->d = itn__lane_vector(&draw->direction, k);
     for (int c = 0; c < crowd->render->channels; c++)
-        ray->beta[c] = ITN__LANE(light->radiance[c], k);
+        ray->beta[c] = ITN__LANE(draw->radiance[c], k);
     if (count) memcpy(ray->scores, path->scores, count * sizeof *ray->scores);
     return ray;
 }
@@ -6854,20 +6815,19 @@ static itn__ints itn__roulette_lanes(const itn__crowd *crowd, int substance, itn
 static void itn__light_collisions(itn__crowd *crowd, int substance, itn__state *s, itn__ints mask,
                                   const itn__free_space *space) {
     const itn__substance *medium = &crowd->render->substances[substance];
-    itn__light_draw light = itn__light_for(crowd, s, mask);
-    itn__floats x = itn__vone_minus_cosine(s->d, light.direction), level, depth, q;
+    itn__light_draw light;
+    itn__sample_lights(crowd, s, &mask, &light);
+    itn__floats x = itn__vone_minus_cosine(s->d, light.direction), q;
     itn__floats y = itn__vone_minus_cosine(s->d, itn__vscale(light.direction, itn__splat(-1)));
     itn__num p = itn__hg(itn__variable(itn__splat(medium->g)), x, y);
-    for (int c = 0; c < crowd->render->channels; c++)
-        light.radiance[c] = s->beta[c] * p.v * light.radiance[c] / (light.pdf + p.v);
-    unsigned bits = itn__cut_shadows(crowd, s, light.drawn, light.radiance, &level, &depth);
-    itn__floats reach = depth * medium->mean_free_path;
+    const itn__floats f[3] = {p.v, p.v, p.v};
+    unsigned bits = itn__cut_shadows(crowd, s, mask, f, p.v, &light);
+    itn__floats reach = light.depth * medium->mean_free_path;
     bits &= ~itn__mask_bits(itn__free_flight(space, itn__valong(s->p, reach, light.direction),
                                              light.direction, &q));
     for (; bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
-        itn__path *ray = itn__send_shadow(crowd, s, k, &light, ITN__LANE(level, k),
-                                          ITN__LANE(reach, k));
+        itn__path *ray = itn__send_shadow(crowd, s, k, &light, ITN__LANE(reach, k));
         itn__leave_behind(&ray->place);
         ray->flights = ITN__LANE(s->flights, k), ray->hits = ITN__LANE(s->hits, k);
         ray->phases = ITN__LANE(s->phases, k) + ITN__LANE(p.d, k) / ITN__LANE(p.v, k);
@@ -6926,7 +6886,7 @@ static itn__ints itn__take_off(itn__crowd *crowd, int number, itn__state *s, itn
 static void itn__mark_flights(itn__crowd *crowd, int substance, const itn__state *s,
                               itn__ints mask) {
     itn__words key = itn__int_words(s->key0), span = (itn__splat_word(1) << (key & 3)) - 1u;
-    itn__view view = itn__view_of(&crowd->render->substances[substance], s, &s->d);
+    itn__view view = itn__view_of(&crowd->render->substances[substance], s, &s->d, itn__splat(0));
     unsigned bits = itn__mask_bits(mask & itn__int_equal(itn__to_ints(s->hits),
                                        itn__word_ints(span + ((key >> 8) & span))));
     if (bits) itn__trace_shadows(crowd); /* what is under way is not to be learnt */
@@ -7068,17 +7028,16 @@ ITN__NOINLINE void itn__run_exact(itn__crowd *crowd, int substance) {
     if (substance) itn__find_hits(crowd);
     for (int i = 0; i < crowd->exact.count; i++) {
         itn__path *path = &crowd->paths[crowd->exact.slots[i]];
-        itn_vec3 end = itn__along(path->p, path->distance, path->d);
+        float way = substance ? itn__way_out(scene, path->p, path->d) : INFINITY;
         if (!substance) itn__find_hit(scene, path);
         if (path->hit.triangle >= 0) {
             itn__meet(crowd, substance, path);
         } else if (!substance) {
             itn__enqueue(crowd, &crowd->sky, path);
-        } else if (itn__within(scene, end)) {
-            path->p = end;
+        } else if (path->distance <= way) {
+            path->p = itn__along(path->p, path->distance, path->d);
             itn__enqueue(crowd, &crowd->walk[substance], path);
         } else {
-            float way = itn__way_out(scene, path->p, path->d);
             itn__pass(crowd, path, substance, way);
             path->p = itn__along(path->p, way, path->d);
             itn__leave_solids(scene, &path->place);
@@ -7102,42 +7061,23 @@ static void itn__book_factor(const itn__render *render, float *scores, const itn
 static void itn__shadows_of_surface(itn__crowd *crowd, itn__state *s, itn__site *site,
                                     itn__factor *f, itn__ints mask) {
     const itn__render *render = crowd->render;
-    itn__light_draw light = itn__light_for(crowd, s, mask);
-    itn__floats pdf, level, depth;
+    itn__light_draw light;
+    itn__floats pdf;
     itn__ints through;
+    itn__sample_lights(crowd, s, &mask, &light);
     itn__bsdf_eval(site, &light.direction, f, &pdf, &through);
-    for (int c = 0; c < render->channels; c++)
-        light.radiance[c] = s->beta[c] * f->value[c] * light.radiance[c] / (light.pdf + pdf);
-    unsigned bits = itn__cut_shadows(crowd, s, mask & light.drawn & itn__less(itn__splat(0), pdf),
-                                     light.radiance, &level, &depth);
+    mask &= itn__less(itn__splat(0), pdf);
+    unsigned bits = itn__cut_shadows(crowd, s, mask, f->value, pdf, &light);
     for (; bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
-        itn__path *ray = itn__send_shadow(crowd, s, k, &light, ITN__LANE(level, k), INFINITY);
+        itn__path *ray = itn__send_shadow(crowd, s, k, &light, INFINITY);
         itn__leave_faces(render->scene, &ray->place, &ray->owner->event, ray->p,
                          ITN__LANE(through, k));
         int substance = itn__substance_of(render, &ray->place);
-        if (substance)
-            ray->distance = ITN__LANE(depth, k) * render->substances[substance].mean_free_path;
+        float mean_free_path = render->substances[substance].mean_free_path;
+        if (substance) ray->distance = ITN__LANE(light.depth, k) * mean_free_path;
         itn__book_factor(render, ray->scores, f, k);
     }
-}
-
-/* The sites of lanes on one surface, and what is asked for there. */
-static void itn__sites_begin(const itn__crowd *crowd, const itn__state *s,
-                             const itn__surface *surface, unsigned bits, itn__site *site,
-                             itn__factor *f) {
-    itn__floats x = itn__splat(0), y = x;
-    int textured = surface->texture != ITN_TEXTURE_NONE;
-    itn__site_make(site, surface, crowd->render->theta, crowd->render->channels, &s->up, &s->d);
-    for (; bits; bits &= bits - 1) {
-        int k = itn__lowest_bit(bits);
-        const itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
-        ITN__LANE(site->eta.v, k) = path->eta;
-        if (textured) ITN__LANE(x, k) = path->x, ITN__LANE(y, k) = path->y;
-    }
-    if (textured) itn__site_texture(site, x, y);
-    f->count = 0;
-    if (crowd->render->count) itn__site_seeds(site, crowd->render->slots, f);
 }
 
 /* Stages that take all of a queue, lanes by lanes. First, lanes on one surface: a shadow ray, and a
@@ -7150,7 +7090,18 @@ static void itn__scatter_lanes(itn__crowd *crowd, int number, itn__state *s, itn
     itn__site site;
     itn__factor f;
     int k;
-    itn__sites_begin(crowd, s, surface, itn__mask_bits(mask), &site, &f);
+    itn__floats x = itn__splat(0), y = x;
+    int textured = surface->texture != ITN_TEXTURE_NONE;
+    itn__site_make(&site, surface, render->theta, render->channels, &s->up, &s->d);
+    for (unsigned bits = itn__mask_bits(mask); bits; bits &= bits - 1) {
+        k = itn__lowest_bit(bits);
+        const itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
+        ITN__LANE(site.eta.v, k) = path->eta;
+        if (textured) ITN__LANE(x, k) = path->x, ITN__LANE(y, k) = path->y;
+    }
+    if (textured) itn__site_texture(&site, x, y);
+    f.count = 0;
+    if (render->count) itn__site_seeds(&site, render->slots, &f);
     if (render->shadows && !site.smooth) itn__shadows_of_surface(crowd, s, &site, &f, mask);
     for (k = 0; k < 3; k++) u[k] = itn__draw(crowd, s, mask);
     itn__ints good = mask & itn__bsdf_sample(&site, u, &s->d, &f, &s->pdf, &through);
@@ -7315,7 +7266,7 @@ static void itn__start_ray(itn__crowd *crowd) {
 static void itn__run_unit(itn__crowd *crowd) {
     const itn_scene *scene = crowd->render->scene;
     while (itn__unit_paths_left(crowd) || crowd->unused_count < ITN__CROWD) {
-        itn__learn_all(crowd);
+        itn__learn(crowd);
         while (crowd->unused_count >= crowd->render->walks && itn__unit_paths_left(crowd))
             itn__start_ray(crowd);
         for (int m = 0; m < scene->surface_count; m++)
@@ -7329,7 +7280,7 @@ static void itn__run_unit(itn__crowd *crowd) {
         itn__run_lanes(crowd, &crowd->sky, 0, itn__sky_lanes);
         itn__trace_shadows(crowd);
     }
-    itn__learn_all(crowd);
+    itn__learn(crowd);
 }
 
 #define ITN__LESSONS 32768. /* paths that V is learnt from */

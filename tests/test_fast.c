@@ -749,6 +749,12 @@ static void aim(herd *f) {
     }
 }
 
+/* Whether p lies in the box of the scene's solids; a walk that has lost its solid does not. */
+static int within(const itn_scene *scene, itn_vec3 p) {
+    itn_vec3 a = scene->lower, b = scene->upper;
+    return p.x >= a.x && p.y >= a.y && p.z >= a.z && p.x <= b.x && p.y <= b.y && p.z <= b.z;
+}
+
 /* A flight that was not proven free goes on or through, as the tree says. */
 static void fly(herd *f, int k) {
     itn_ray ray;
@@ -772,7 +778,7 @@ static void fly(herd *f, int k) {
             itn__leave_faces(f->scene, &f->places[k], &event, point, 1);
         }
     }
-    while (!(extinction(f, k) > 0) || !itn__within(f->scene, itn__lane_vector(&f->p, k)))
+    while (!(extinction(f, k) > 0) || !within(f->scene, itn__lane_vector(&f->p, k)))
         while (!enter(f, k)) {}
 }
 
