@@ -3085,6 +3085,12 @@ static float itn__ior(const itn_scene *scene, const float *theta, int object) {
     return parameter >= 0 ? theta[parameter] : 1;
 }
 
+/* Whether light can come straight to where this object refracts: into another index than that of
+   the outside it is refracted on its way. */
+static int itn__is_lit(const itn_scene *scene, const float *theta, int object) {
+    return scene->leaky || fabsf(itn__ior(scene, theta, object) - 1) <= ITN__SAME_INDEX;
+}
+
 /* Notes that it has left behind where it went through a boundary or was thrown back. */
 ITN__INLINE void itn__leave_behind(itn__place *place) {
     place->crossed_count = 0, place->sides.flush = 0;
@@ -3708,7 +3714,7 @@ static void itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ra
     itn__factor_make(walk, albedo, g, &f);
     itn__weigh(walk, &walk->weight, &f, 1);
     float light_pdf = itn__draw_light(walk, &to);
-    if (light_pdf > 0) {
+    if (light_pdf > 0 && itn__is_lit(walk->scene, walk->theta, walk->place.refracting)) {
         x = itn__vone_minus_cosine(d, to.d);
         y = itn__vone_minus_cosine(d, itn__vscale(to.d, itn__splat(-1)));
         itn__phase_factor(walk, medium, x, y, &f, pdf);
@@ -3767,7 +3773,8 @@ static int itn__scatter_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hi
     float light_pdf = site.smooth ? 0 : itn__draw_light(walk, &to);
     if (light_pdf > 0) {
         itn__bsdf_eval(&site, &to.d, &f, &pdf, &through);
-        if (ITN__LANE(pdf, 0) > 0)
+        int within = ITN__LANE(through, 0) ? event->after : walk->place.refracting;
+        if (ITN__LANE(pdf, 0) > 0 && itn__is_lit(walk->scene, walk->theta, within))
             itn__connect(walk, ray->origin, &to, event, ITN__LANE(through, 0), &f,
                          ITN__LANE(pdf, 0), light_pdf);
     }
@@ -6007,6 +6014,7 @@ typedef struct itn__value {
 typedef struct itn__substance {
     const itn__medium *medium;
     float sigma_t, mean_free_path, albedo[3], g;
+    int lit; /* light may come straight into it */
     itn__value value;
 } itn__substance;
 
@@ -6649,7 +6657,8 @@ static void itn__find_hits(itn__crowd *crowd) {
 /* ---- [walk] shadow rays; collisions, one after the other ------------------------------------- */
 
 /* With sampled lights each vertex sends out a shadow ray, a straight flight to the light that
-   carries what the light would add, while its path goes on at once. Shadow rays wait until all
+   carries what the light would add, while its path goes on at once. A vertex within a dielectric
+   sends none: light comes there by refraction only. Shadow rays wait until all
    stages have had their turn.
 
    A shadow ray of weight w and transmittance tr is cut by roulette before it is traced, at a level
@@ -6853,7 +6862,8 @@ static itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state *s, i
         alive |= itn__less(zero, s->beta[c]);
     }
     mask &= alive;
-    if (render->shadows) itn__light_collisions(crowd, substance, s, mask, space);
+    if (medium->lit) itn__light_collisions(crowd, substance, s, mask, space);
+    else if (render->shadows) s->dimension += itn__splat_int(3) & mask;
     itn__floats u = itn__draw(crowd, s, mask), v = itn__draw(crowd, s, mask);
     s->d = itn__vselect(mask, itn__sample_hg(d, itn__splat(medium->g), u, v, &x, &y), d);
     score = zero;
@@ -7073,6 +7083,10 @@ static void itn__shadows_of_surface(itn__crowd *crowd, itn__state *s, itn__site 
         itn__path *ray = itn__send_shadow(crowd, s, k, &light, INFINITY);
         itn__leave_faces(render->scene, &ray->place, &ray->owner->event, ray->p,
                          ITN__LANE(through, k));
+        if (!itn__is_lit(render->scene, render->theta, ray->place.refracting)) {
+            crowd->ray_count--;
+            continue;
+        }
         int substance = itn__substance_of(render, &ray->place);
         float mean_free_path = render->substances[substance].mean_free_path;
         if (substance) ray->distance = ITN__LANE(light.depth, k) * mean_free_path;
@@ -7321,6 +7335,11 @@ static void itn__fast_know(itn__render *render) {
         for (int c = 0; c < 3 && light->kind == ITN__LIGHT_CONSTANT; c++)
             render->constant[c] += scale * light->radiance[c];
         level += (double)scale * light->power;
+    }
+    for (int i = 0; i < scene->object_count && render->shadows; i++) {
+        const itn__object *object = &scene->objects[i];
+        render->substances[1 + object->medium].lit |=
+            !object->refracts || itn__is_lit(scene, render->theta, i);
     }
     level /= 4 * (double)ITN__PI;
     render->shadow_cut = (float)(ITN__SHADOW_LEVEL * level) * brightest;
