@@ -10182,8 +10182,6 @@ typedef struct itn__inflate {
     itn__text *in;
     uint32_t bits; /* of the byte taken last those not used yet, the first one lowest */
     int count;     /* how many there are, at most 7 */
-    unsigned char *out;
-    size_t size, capacity; /* of out */
     itn__code literals, distances;
 } itn__inflate;
 
@@ -10201,10 +10199,10 @@ static int itn__take_bits(itn__inflate *z, int count) {
 static int itn__code_make(itn__code *code, const unsigned char *lengths, int symbols) {
     int left = 1 << 15, made = 0; /* left: codes of 15 bits */
     for (int length = 1; length < 16; length++) {
-        int before = made;
+        code->count[length] = -made;
         for (int k = 0; k < symbols; k++)
             if (lengths[k] == length) code->symbols[made++] = k;
-        code->count[length] = made - before;
+        code->count[length] += made;
         left -= code->count[length] << (15 - length);
     }
     return left >= 0;
@@ -10257,25 +10255,6 @@ static size_t itn__inflate_amount(itn__inflate *z, int symbol, int per_bit) {
     return (size_t)(base + itn__take_bits(z, bits));
 }
 
-/* Decodes one block with the codes at hand. */
-static int itn__inflate_coded(itn__inflate *z) {
-    for (;;) {
-        int symbol = itn__take_symbol(z, &z->literals), back = 0;
-        size_t length = 1, distance = 0;
-        if (symbol == 256) return 1;
-        if (symbol > 256) {
-            length = symbol == 285 ? 258 : 3 + itn__inflate_amount(z, symbol - 257, 4);
-            back = itn__take_symbol(z, &z->distances);
-            if (back >= 0) distance = 1 + itn__inflate_amount(z, back, 2);
-        }
-        if (symbol < 0 || symbol > 285 || back < 0 || distance > z->size ||
-            length > z->capacity - z->size)
-            return 0;
-        for (; length; length--, z->size++)
-            z->out[z->size] = distance ? z->out[z->size - distance] : (unsigned char)symbol;
-    }
-}
-
 /* The Adler-32 sum of bytes behind others, of which it is `sum`; of none it is 1. */
 static uint32_t itn__adler32(uint32_t sum, const unsigned char *bytes, size_t size) {
     uint32_t a = sum & 0xffff, b = sum >> 16;
@@ -10291,19 +10270,35 @@ static void itn__zlib_decode(itn__text *in, unsigned char *bytes, size_t capacit
     itn__inflate z = ITN_ZERO;
     unsigned head = (unsigned)itn__take_number(in, 2, 1);
     int good = (head & 0x8f20) == 0x800 && head % 31 == 0;
-    z.in = in, z.out = bytes, z.capacity = capacity;
-    for (int last = 0, type; good && !last;) {
-        last = itn__take_bits(&z, 1), type = itn__take_bits(&z, 2);
+    size_t size = 0;
+    z.in = in;
+    for (int last = 0; good && !last;) {
+        last = itn__take_bits(&z, 1);
+        int type = itn__take_bits(&z, 2);
         if (type == 0) {
             size_t length = itn__take_number(in, 2, 0), turned = itn__take_number(in, 2, 0);
             const unsigned char *stored = itn__take_bytes(in, length);
-            good = stored && (length ^ turned) == 0xffff && length <= capacity - z.size;
-            if (good) memcpy(bytes + z.size, stored, length);
-            z.size += length, z.bits = 0, z.count = 0;
+            good = stored && (length ^ turned) == 0xffff && length <= capacity - size;
+            if (good) memcpy(bytes + size, stored, length), size += length;
+            z.bits = 0, z.count = 0;
         } else
-            good = type < 3 && itn__inflate_codes(&z, type == 1) && itn__inflate_coded(&z);
+            good = type < 3 && itn__inflate_codes(&z, type == 1);
+        while (good && type) {
+            int symbol = itn__take_symbol(&z, &z.literals), back = 0;
+            size_t length = 1, distance = 0;
+            if (symbol == 256) break;
+            if (symbol > 256) {
+                length = symbol == 285 ? 258 : 3 + itn__inflate_amount(&z, symbol - 257, 4);
+                back = itn__take_symbol(&z, &z.distances);
+                if (back >= 0) distance = 1 + itn__inflate_amount(&z, back, 2);
+            }
+            good = symbol >= 0 && symbol < 286 && back >= 0 && distance <= size &&
+                   length <= capacity - size;
+            for (; good && length; length--, size++)
+                bytes[size] = distance ? bytes[size - distance] : (unsigned char)symbol;
+        }
     }
-    if (!good || z.size != capacity)
+    if (!good || size != capacity)
         ITN__DAMAGED(in, "not the zlib data of %.0f bytes", (double)capacity);
     else if (itn__take_number(in, 4, 1) != itn__adler32(1, bytes, capacity))
         ITN__DAMAGED(in, "checksum is wrong");
@@ -10526,9 +10521,8 @@ enum { ITN__PNG_PALETTE = 3 };
 
 typedef struct itn__png {
     int width, height, depth, methods;
-    int type;    /* 0 grey, 2 RGB, 3 palette, 4 grey and alpha, 6 RGB and alpha */
-    int samples; /* of a pixel in the file; alpha, colours: of one of the image */
-    int colours, alpha, ended;
+    int type; /* 0 grey, 2 RGB, 3 palette, 4 grey and alpha, 6 RGB and alpha */
+    int colours, alpha, ended; /* how many planes of each; whether IEND was there */
     float gamma;
     unsigned char palette[256][4];
     itn__buffer data; /* of all IDAT */
@@ -10574,7 +10568,6 @@ static void itn__png_chunk(itn__text *text, itn__png *png) {
             ITN__DAMAGED(&in, "there is no such size, depth, type or method");
         if (png->methods) ITN__UNSUPPORTED(&in, "interlaced: save it without that");
         png->alpha = png->type > 3, png->colours = png->type & 2 ? 3 : 1;
-        png->samples = png->type == ITN__PNG_PALETTE ? 1 : png->colours + png->alpha;
         break;
     case ITN__IDAT: itn__put(&png->data, data, size); break;
     case ITN__IEND: png->ended = 1; break;
@@ -10611,63 +10604,52 @@ static void itn__png_unfilter(unsigned char *row, size_t line, size_t step) {
     }
 }
 
-/* Code k of a row of so many bits each. */
-static unsigned itn__png_code(const unsigned char *row, size_t k, size_t depth) {
-    unsigned code = (unsigned)itn__from_bytes(row + k * depth / 8, (depth + 7) / 8, 1);
-    return depth < 8 ? code >> (8 - depth - k * depth % 8) & ((1u << depth) - 1) : code;
-}
-
-/* Decompresses the rows, behind one of zeros, to an image: colours by the curve, whose values are
-   kept once they are known, alpha as it is. */
-static void itn__png_rows(itn__text *text, const itn__png *png, itn_image *image) {
-    itn__text in = itn__text_make(png->data.bytes, png->data.size, text->name);
-    size_t samples = (size_t)png->samples, depth = (size_t)png->depth, bits = depth * samples;
-    size_t line = ((size_t)png->width * bits + 7) / 8 + 1;
-    int palette = png->type == ITN__PNG_PALETTE;
-    if ((double)line * png->height > 1032 * (double)png->data.size || line > INT_MAX)
-        ITN__DAMAGED(text, "more pixels than the data hold: cut off or damaged");
-    if (!text->result)
-        text->result = itn_image_create(png->width, png->height, png->colours + png->alpha,
-                                        text->context, image, text->error);
-    if (text->result) return;
-    for (int k = 0; k < image->plane_count; k++)
-        image->names[k][0] = k == png->colours ? 'A' : "YRGB"[k + png->colours / 3];
-    image->gamma = png->gamma, image->codes = palette ? 255 : (1 << depth) - 1;
-    size_t size = line * (size_t)png->height, codes = (size_t)image->codes + 1;
-    float *light = (float *)itn__allocate(&image->context, codes * sizeof *light + line + size, 1);
-    unsigned char *row = (unsigned char *)(light + codes) + line;
-    in.error = text->error, in.line = 0, in.part = text->part = "PNG pixels";
-    if (!light) itn__text_fail(&in, ITN_ERROR_MEMORY, "out of memory");
-    else itn__zlib_decode(&in, row, size);
-    text->result = in.result;
-    for (int y = 0; y < png->height && !text->result; y++, row += line) {
-        if (*row > 4) ITN__DAMAGED(text, "row %d has filter %d", y, *row);
-        else itn__png_unfilter(row, line, (bits + 7) / 8);
-        for (int x = 0; x < png->width; x++)
-            for (int k = 0; k < image->plane_count; k++) {
-                size_t sample = (size_t)x * samples + (palette ? 0 : (size_t)k);
-                unsigned code = itn__png_code(row + 1, sample, depth);
-                if (palette) code = png->palette[code][k];
-                double value = (double)code / image->codes;
-                if (light[code] == 0 && k < png->colours)
-                    light[code] = (float)itn__decode(value, (double)image->gamma);
-                *itn__pixel(image, k, y, x) = k < png->colours ? light[code] : (float)value;
-            }
-    }
-    itn__free(&image->context, light);
-}
-
+/* Reads the chunks; decompresses the rows, behind one of zeros; and makes of codes colours by the
+   curve, whose values are kept once they are known, and alpha as it is. */
 static ITN__COLD void itn__png_decode(itn__text *text, itn_image *image) {
     itn__png png = ITN_ZERO;
-    text->line = 0;
     memset(png.palette, 255, sizeof png.palette);
+    text->line = 0, text->part = "PNG chunk";
     text->result = itn__context_check(text->context, &png.data.context, text->error);
     itn__take_bytes(text, 8); /* the signature */
-    text->part = "PNG chunk";
     for (; !png.ended && !text->result; text->number++) itn__png_chunk(text, &png);
     if (png.data.failed) itn__text_fail(text, ITN_ERROR_MEMORY, "out of memory");
-    itn__png_rows(text, &png, image);
-    itn__buffer_free(&png.data);
+    int palette = png.type == ITN__PNG_PALETTE, samples = palette ? 1 : png.colours + png.alpha;
+    size_t depth = (size_t)png.depth, bits = depth * (size_t)samples;
+    size_t line = ((size_t)png.width * bits + 7) / 8 + 1, codes = palette ? 256 : 1u << depth;
+    if ((double)line * png.height > 1032 * (double)png.data.size || line > INT_MAX)
+        ITN__DAMAGED(text, "more pixels than the data hold: cut off or damaged");
+    if (!text->result)
+        text->result = itn_image_create(png.width, png.height, png.colours + png.alpha,
+                                        text->context, image, text->error);
+    for (int k = 0; k < image->plane_count; k++)
+        image->names[k][0] = k == png.colours ? 'A' : "YRGB"[k + png.colours / 3];
+    image->gamma = png.gamma, image->codes = (int)codes - 1;
+    text->start = text->at = (const char *)png.data.bytes, text->end = text->at + png.data.size;
+    text->part = "PNG row", text->number = 0;
+    size_t size = line * (size_t)png.height + line;
+    float *light = text->result ? NULL
+                   : (float *)itn__allocate(&image->context, codes * sizeof *light + size, 1);
+    unsigned char *row = light ? (unsigned char *)(light + codes) + line : NULL;
+    if (!light) itn__text_fail(text, ITN_ERROR_MEMORY, "out of memory");
+    else itn__zlib_decode(text, row, size - line);
+    for (; text->number < png.height && !text->result; text->number++, row += line) {
+        if (*row > 4) ITN__DAMAGED(text, "there is no filter %d", *row);
+        else itn__png_unfilter(row, line, (bits + 7) / 8);
+        for (int x = 0; x < png.width; x++)
+            for (int k = 0; k < image->plane_count; k++) {
+                size_t bit = (size_t)(palette ? x : x * samples + k) * depth; /* where it begins */
+                unsigned code = (unsigned)itn__from_bytes(row + 1 + bit / 8, (depth + 7) / 8, 1);
+                if (depth < 8) code = code >> (8 - depth - bit % 8) & ((1u << depth) - 1);
+                if (palette) code = png.palette[code][k];
+                double value = (double)code / image->codes;
+                if (light[code] == 0 && k < png.colours)
+                    light[code] = (float)itn__decode(value, (double)image->gamma);
+                *itn__pixel(image, k, (int)text->number, x) =
+                    k < png.colours ? light[code] : (float)value;
+            }
+    }
+    itn__free(&image->context, light), itn__buffer_free(&png.data);
 }
 
 /* Fails because bytes are of no format that is read, and says which they are of. */
