@@ -9896,9 +9896,7 @@ ITN_API ITN__COLD int itn_refine_words(const itn_parameter *const *parameters, i
      additions: code that composes needs one check, at its end.
    - itn__text is a place in a file. Its first failure is remembered, tells the place, by line or by
      byte, and leaves nothing to read: code that parses goes on with zeros and soon ends.
-   - Numbers are put together from bytes: byte order and alignment of the machine do not matter.
-   - A file is replaced in three steps: a temporary beside it, which must not exist before, is
-     written; it is on the disk before it is renamed; and rename is atomic. */
+   - Numbers are put together from bytes: byte order and alignment of the machine do not matter. */
 
 typedef struct itn__buffer {
     unsigned char *bytes;
@@ -9911,7 +9909,6 @@ static void itn__buffer_free(itn__buffer *buffer) {
     itn__free(&buffer->context, buffer->bytes);
     buffer->bytes = NULL, buffer->size = buffer->capacity = 0;
 }
-
 /* Adds bytes; where they do not fit, there is at least twice as much room afterwards. */
 ITN__NOINLINE void itn__put(itn__buffer *buffer, const void *bytes, size_t size) {
     size_t capacity = buffer->capacity;
@@ -9928,7 +9925,6 @@ ITN__NOINLINE void itn__put(itn__buffer *buffer, const void *bytes, size_t size)
     memcpy(buffer->bytes + buffer->size, bytes, size);
     buffer->size += size;
 }
-
 /* A number of `size` bytes, the lowest first or (big) the highest. */
 static uint64_t itn__from_bytes(const unsigned char *bytes, size_t size, int big) {
     uint64_t value = 0;
@@ -9941,7 +9937,6 @@ static ITN__UNUSED void itn__put_number(itn__buffer *buffer, uint64_t value, siz
         bytes[big ? size - 1 - i : i] = (unsigned char)(value & 255);
     itn__put(buffer, bytes, size);
 }
-
 static float itn__float_of(uint32_t bits) {
     float value;
     memcpy(&value, &bits, 4);
@@ -10038,7 +10033,6 @@ static int itn__word_length(const itn__text *text) {
     while (at < end && !itn__blank(at, text->end) && !itn__newline(at, text->end)) at++;
     return (int)(at - text->at);
 }
-
 static void itn__skip_blanks(itn__text *text) {
     for (int n; (n = itn__blank(text->at, text->end)) > 0; text->at += n) text->line += n > 1;
 }
@@ -10053,7 +10047,6 @@ static void itn__next_line(itn__text *text) {
     text->line += text->at < text->end;
     text->at += itn__newline(text->at, text->end);
 }
-/* Skips blanks and line ends. */
 static void itn__skip_space(itn__text *text) {
     for (itn__skip_blanks(text); itn__newline(text->at, text->end); itn__skip_blanks(text))
         itn__next_line(text);
@@ -10126,11 +10119,11 @@ static itn_result itn__read_file(const char *path, size_t limit, const itn_conte
     return result;
 }
 
-/* Replaces a file by what was composed in a buffer, which is freed; on failure the file is as it
-   was, and the temporary is removed. Devices cannot be replaced by a rename and are written to
-   directly; what is in /dev/shm/ is none. */
+/* Replaces a file by what was composed in a buffer, which is freed: writes a temporary beside it,
+   which must not exist before, to the disk, and renames it, which is atomic. On failure the file is
+   as it was. Devices are written to directly; what is in /dev/shm/ is none. */
 static itn_result itn__write_file(const char *path, itn__buffer *buffer, itn_error *error) {
-    char name[4096], *slash; /* of the temporary, then of the folder */
+    char name[4096]; /* of the temporary, then of the folder */
     int device = path && !strncmp(path, "/dev/", 5) && strncmp(path, "/dev/shm/", 9);
     int cause = EEXIST;
     FILE *file = NULL;
@@ -10155,7 +10148,7 @@ static itn_result itn__write_file(const char *path, itn__buffer *buffer, itn_err
     if (!result && cause)
         result = itn__fail(error, ITN_ERROR_FILE, 0, "%s: cannot write: %s", path, strerror(cause));
     if (!result && !device) { /* the folder: without it, the name may get lost, not the file */
-        slash = strrchr(name, '/');
+        char *slash = strrchr(name, '/');
         strcpy(slash ? slash + 1 : name, slash ? "" : ".");
         file = fopen(name, "r");
         if (file) ITN__SYNC(file), fclose(file);
@@ -10194,8 +10187,7 @@ static int itn__take_bits(itn__inflate *z, int count) {
     return value;
 }
 
-/* Makes a code from its lengths. Returns 0 if there are more codes than fit; where there are fewer,
-   bits that are none are found when they come. */
+/* Makes a code from its lengths. Returns 0 if there are more codes than fit. */
 static int itn__code_make(itn__code *code, const unsigned char *lengths, int symbols) {
     int left = 1 << 15, made = 0; /* left: codes of 15 bits */
     for (int length = 1; length < 16; length++) {
@@ -10262,10 +10254,9 @@ static uint32_t itn__adler32(uint32_t sum, const unsigned char *bytes, size_t si
     return b << 16 | a;
 }
 
-/* Decompresses a zlib stream that must hold exactly `capacity` bytes. What is wrong fails the text;
-   `bytes` is then partly written. The zeros that are read behind the end lead to the end of the
-   output, or to a block that is none. A stored block is its length, that with all bits turned, and
-   whole bytes. */
+/* Decompresses a zlib stream that must hold exactly `capacity` bytes. Zeros, which are read behind
+   the end, lead to the end of the output, or to a block that is none. A stored block is its length,
+   that with all bits turned, and whole bytes. */
 static void itn__zlib_decode(itn__text *in, unsigned char *bytes, size_t capacity) {
     itn__inflate z = ITN_ZERO;
     unsigned head = (unsigned)itn__take_number(in, 2, 1);
@@ -10325,13 +10316,11 @@ enum { ITN__EXR_LONG_NAMES = 0x400, ITN__EXR_CHANNELS = 1024 };
 enum { ITN__EXR_UINT, ITN__EXR_HALF, ITN__EXR_FLOAT };
 enum { ITN__EXR_NONE, ITN__EXR_RLE, ITN__EXR_ZIPS, ITN__EXR_ZIP };
 
-typedef struct itn__exr_box { int64_t x, y, width, height; } itn__exr_box;
-
 typedef struct itn__exr {
     const char *names[ITN__EXR_CHANNELS + 1]; /* in the file's bytes */
     unsigned char types[ITN__EXR_CHANNELS + 1];
     int channels, compression;
-    itn__exr_box data, display;
+    int64_t data[4], display[4]; /* windows: x and y of the first and of the last pixel */
     int64_t lines; /* of a block */
     size_t line;   /* the bytes of one, without compression */
     unsigned char *seen, *scratch; /* which blocks were there; room for a block twice */
@@ -10362,17 +10351,6 @@ static void itn__exr_channel_list(itn__text *text, itn__exr *exr) {
     }
 }
 
-/* Reads x and y of a window's first and last pixel. */
-static itn__exr_box itn__exr_take_box(itn__text *text) {
-    itn__exr_box w;
-    w.x = (int32_t)itn__take_u32(text), w.y = (int32_t)itn__take_u32(text);
-    w.width = (int32_t)itn__take_u32(text) - w.x + 1;
-    w.height = (int32_t)itn__take_u32(text) - w.y + 1;
-    if (w.width < 1 || w.width > INT_MAX || w.height < 1 || w.height > INT_MAX)
-        ITN__DAMAGED(text, "EXR window has no valid size");
-    return w;
-}
-
 /* Decompresses a block of `size` bytes to behind these. Run lengths are a count n < 128, and then a
    byte for n + 1, or (others) 256 - n bytes. */
 static void itn__exr_unpack(const itn__exr *exr, itn__text *in, unsigned char *coded, size_t size) {
@@ -10401,27 +10379,26 @@ static float itn__half_to_float(uint32_t bits) {
 /* Reads one block, and spreads its lines over the image's planes. */
 static void itn__exr_block(itn__text *text, itn__exr *exr, itn_image *image) {
     itn__text in = *text;
-    int64_t row = (int32_t)itn__take_u32(text) - exr->data.y;
-    int64_t end = row + exr->lines < exr->data.height ? row + exr->lines : exr->data.height;
-    size_t size = itn__take_u32(text), raw = exr->line * (size_t)(end - row);
-    unsigned char *coded = exr->scratch;
-    const unsigned char *data = coded + raw;
-    if (row < 0 || row >= end || row % exr->lines || exr->seen[row / exr->lines]++)
+    const int64_t *data = exr->data, *shown = exr->display;
+    int64_t y = (int32_t)itn__take_u32(text), row = y - data[1];
+    int64_t end = y + exr->lines <= data[3] ? y + exr->lines : data[3] + 1;
+    size_t size = itn__take_u32(text), raw = exr->line * (size_t)(end - y);
+    const unsigned char *at = exr->scratch + raw;
+    if (row < 0 || y >= end || row % exr->lines || exr->seen[row / exr->lines]++)
         text->at = in.at, ITN__DAMAGED(text, "is none, or is there twice");
     if (text->result) return;
     in = itn__take_part(text, size);
-    if (exr->compression == ITN__EXR_NONE || size >= raw) data = itn__take_bytes(&in, raw);
-    else itn__exr_unpack(exr, &in, coded, raw);
+    if (exr->compression == ITN__EXR_NONE || size >= raw) at = itn__take_bytes(&in, raw);
+    else itn__exr_unpack(exr, &in, exr->scratch, raw);
     if (in.at < in.end) ITN__DAMAGED(&in, "more data than expected");
     text->result = in.result;
-    for (; row < end && !in.result; row++)
+    for (; y < end && !in.result; y++)
         for (int i = 0; i < exr->channels; i++) {
             unsigned type = exr->types[i], bytes = type == ITN__EXR_HALF ? 2 : 4;
-            int64_t x = exr->data.x - exr->display.x, y = row + exr->data.y - exr->display.y;
-            for (int64_t k = 0; k < exr->data.width; k++, x++, data += bytes) {
-                uint32_t bits = (uint32_t)itn__from_bytes(data, bytes, 0);
-                if (x < 0 || x >= image->width || y < 0 || y >= image->height) continue;
-                *itn__pixel(image, i, (int)y, (int)x) =
+            for (int64_t x = data[0]; x <= data[2]; x++, at += bytes) {
+                uint32_t bits = (uint32_t)itn__from_bytes(at, bytes, 0);
+                if (x < shown[0] || x > shown[2] || y < shown[1] || y > shown[3]) continue;
+                *itn__pixel(image, i, (int)(y - shown[1]), (int)(x - shown[0])) =
                     type == ITN__EXR_FLOAT  ? itn__float_of(bits)
                     : type == ITN__EXR_HALF ? itn__half_to_float(bits) : (float)bits;
             }
@@ -10434,40 +10411,43 @@ static ITN__COLD void itn__exr_decode(itn__text *text, itn_image *image) {
     itn__exr exr = ITN_ZERO;
     text->line = 0;
     uint64_t version = itn__take_number(text, 8, 0) >> 32; /* behind the magic number */
-    itn__exr_box *data = &exr.data, *display = &exr.display;
+    int64_t *data = exr.data, *shown = exr.display;
     const char *name;
-    exr.compression = -1;
+    exr.compression = -1, data[2] = shown[2] = INT64_MIN; /* which no file says */
     if ((version & ~(uint64_t)ITN__EXR_LONG_NAMES) != 2)
         ITN__UNSUPPORTED(text, "EXR of tiles, deep data, several parts or another version than 2");
     while (*(name = itn__take_string(text))) {
         itn__take_string(text); /* the type */
         itn__text value = itn__take_part(text, itn__take_u32(text));
+        int64_t *window = !strcmp(name, "dataWindow") ? data : shown;
         if (!strcmp(name, "channels")) itn__exr_channel_list(&value, &exr);
         if (!strcmp(name, "compression")) exr.compression = (int)itn__take_number(&value, 1, 0);
-        if (!strcmp(name, "dataWindow")) *data = itn__exr_take_box(&value);
-        if (!strcmp(name, "displayWindow")) *display = itn__exr_take_box(&value);
+        for (int k = 0; k < 4 && (window == data || !strcmp(name, "displayWindow")); k++)
+            window[k] = (int32_t)itn__take_u32(&value);
         text->result = value.result;
     }
-    if (!display->width) *display = *data;
-    double pixels = (double)(data->width * data->height), bytes = (double)exr.line * pixels;
+    if (shown[2] == INT64_MIN) memcpy(shown, data, sizeof exr.data);
+    double width = (double)(data[2] - data[0]) + 1, height = (double)(data[3] - data[1]) + 1;
+    double across = (double)(shown[2] - shown[0]) + 1, down = (double)(shown[3] - shown[1]) + 1;
     double most = (exr.compression ? 1032 : 1) * (double)(text->end - text->at);
     if (exr.compression > ITN__EXR_ZIP)
         ITN__UNSUPPORTED(text, "EXR compression %d (4 is PIZ, 6 and 7 B44, 8 and 9 DWA)",
                          exr.compression);
-    if (!exr.channels || exr.compression < 0 || !data->width)
-        ITN__DAMAGED(text, "EXR header lacks channels, compression or data window");
-    if (bytes > fmin(most, (double)(SIZE_MAX / 4)) ||
-        (double)(display->width * display->height) > 256 * pixels)
+    if (!exr.channels || exr.compression < 0 || fmin(fmin(width, height), fmin(across, down)) < 1 ||
+        fmax(fmax(width, height), fmax(across, down)) > INT_MAX)
+        ITN__DAMAGED(text, "EXR header lacks channels, compression or windows of valid size");
+    if ((double)exr.line * width * height > fmin(most, (double)(SIZE_MAX / 4)) ||
+        across * down > 256 * width * height)
         ITN__DAMAGED(text, "EXR windows are larger than the data: cut off or damaged");
-    exr.line *= (size_t)data->width;
-    exr.lines = exr.compression != ITN__EXR_ZIP ? 1 : data->height < 16 ? data->height : 16;
     if (!text->result)
-        text->result = itn_image_create((int)display->width, (int)display->height, exr.channels,
-                                        text->context, image, text->error);
+        text->result = itn_image_create((int)across, (int)down, exr.channels, text->context, image,
+                                        text->error);
     if (text->result) return;
     for (int i = 0; i < exr.channels; i++) itn__copy_name(image->names[i], exr.names[i]);
-    size_t blocks = (size_t)((data->height - 1) / exr.lines + 1);
-    exr.seen = ITN__NEW(unsigned char, &image->context, 2 * exr.line * (size_t)exr.lines + blocks);
+    exr.line *= (size_t)width, exr.lines = exr.compression == ITN__EXR_ZIP ? 16 : 1;
+    size_t blocks = ((size_t)height - 1) / (size_t)exr.lines + 1;
+    exr.seen = ITN__NEW(unsigned char, &image->context,
+                        2 * exr.line * (size_t)fmin((double)exr.lines, height) + blocks);
     if (exr.seen) exr.scratch = exr.seen + blocks;
     else itn__text_fail(text, ITN_ERROR_MEMORY, "out of memory");
     itn__take_bytes(text, 8 * blocks); /* the table */
@@ -10733,8 +10713,7 @@ static int itn__photo_pixel(itn__photo *photo, int x, int y, double share) {
     for (int k = 0; k < photo->film.channels; k++) {
         if (!(fabsf(light[k]) <= 1e18f && noise[k] <= 1e18f))
             photo->result = itn__fail(photo->error, ITN_ERROR_ARGUMENT, 0, "the photo's pixel %d, "
-                                      "%d (column, row), or its variance, is not finite, negative "
-                                      "or too large", x, y);
+                                      "%d has no valid value, or no valid variance", x, y);
         photo->means[k] += share * (double)light[k];
         photo->means[3 + k] += share * (double)noise[k] * (double)noise[k];
     }
@@ -10975,8 +10954,7 @@ ITN_API ITN__COLD itn_result itn_image_save_png(const itn_image *image, int firs
                 v[k] = (double)(scale * *itn__pixel(image, first_plane + k % plane_count, y, x));
             double mean = (v[0] + v[1] + v[2]) / 3;
             for (int k = 0; k < 3 && mean == mean; k++) {
-                v[k] = mode == ITN_PNG_SIGNED ? (1 - k) * mean
-                                              : itn__encode(fmin(fmax(v[k], 0), 1), 0);
+                v[k] = mode == ITN_PNG_SIGNED ? (1 - k) * mean : itn__encode(v[k], 0);
                 bytes[1 + k] = (unsigned char)(fmin(fmax(v[k], 0), 1) * 255 + .5);
             }
             if (x % BLOCK == 0) { /* whether it is the last, its size, and that turned */
