@@ -9909,17 +9909,16 @@ static void itn__buffer_free(itn__buffer *buffer) {
     itn__free(&buffer->context, buffer->bytes);
     buffer->bytes = NULL, buffer->size = buffer->capacity = 0;
 }
-/* Adds bytes; where they do not fit, there is at least twice as much room afterwards. */
+/* Adds bytes; where they do not fit, there is twice as much room afterwards. */
 ITN__NOINLINE void itn__put(itn__buffer *buffer, const void *bytes, size_t size) {
-    size_t capacity = buffer->capacity;
-    if (!buffer->failed && size >= capacity - buffer->size) { /* never full: even none has room */
-        capacity += size < capacity ? capacity : size + 1; /* each is at most SIZE_MAX / 2 */
-        unsigned char *grown = ITN__NEW(unsigned char, &buffer->context, capacity);
+    size_t needed = buffer->size + size + 1; /* each is at most SIZE_MAX / 2; never 0 */
+    if (needed > buffer->capacity && !buffer->failed) {
+        unsigned char *grown = (unsigned char *)itn__allocate(&buffer->context, needed, 2);
         buffer->failed = !grown;
         if (!grown) return;
         if (buffer->size) memcpy(grown, buffer->bytes, buffer->size);
         itn__free(&buffer->context, buffer->bytes);
-        buffer->bytes = grown, buffer->capacity = capacity;
+        buffer->bytes = grown, buffer->capacity = 2 * needed;
     }
     if (buffer->failed) return;
     memcpy(buffer->bytes + buffer->size, bytes, size);
@@ -10170,7 +10169,6 @@ static itn_result itn__write_file(const char *path, itn__buffer *buffer, itn_err
 typedef struct itn__code {
     int count[16], symbols[288]; /* of each length; in the order of their codes */
 } itn__code;
-
 typedef struct itn__inflate {
     itn__text *in;
     uint32_t bits; /* of the byte taken last those not used yet, the first one lowest */
@@ -10315,7 +10313,6 @@ static float *itn__pixel(const itn_image *image, int plane, int row, int x) {
 enum { ITN__EXR_LONG_NAMES = 0x400, ITN__EXR_CHANNELS = 1024 };
 enum { ITN__EXR_UINT, ITN__EXR_HALF, ITN__EXR_FLOAT };
 enum { ITN__EXR_NONE, ITN__EXR_RLE, ITN__EXR_ZIPS, ITN__EXR_ZIP };
-
 typedef struct itn__exr {
     const char *names[ITN__EXR_CHANNELS + 1]; /* in the file's bytes */
     unsigned char types[ITN__EXR_CHANNELS + 1];
@@ -10498,7 +10495,6 @@ static void itn__pfm_decode(itn__text *text, int channels, itn_image *image) {
 enum { ITN__IHDR = 0x49484452, ITN__PLTE = 0x504c5445, ITN__IDAT = 0x49444154 };
 enum { ITN__IEND = 0x49454e44, ITN__TRNS = 0x74524e53, ITN__GAMA = 0x67414d41 };
 enum { ITN__PNG_PALETTE = 3 };
-
 typedef struct itn__png {
     int width, height, depth, methods;
     int type; /* 0 grey, 2 RGB, 3 palette, 4 grey and alpha, 6 RGB and alpha */
@@ -10596,7 +10592,7 @@ static ITN__COLD void itn__png_decode(itn__text *text, itn_image *image) {
     if (png.data.failed) itn__text_fail(text, ITN_ERROR_MEMORY, "out of memory");
     int palette = png.type == ITN__PNG_PALETTE, samples = palette ? 1 : png.colours + png.alpha;
     size_t depth = (size_t)png.depth, bits = depth * (size_t)samples;
-    size_t line = ((size_t)png.width * bits + 7) / 8 + 1, codes = palette ? 256 : 1u << depth;
+    size_t line = ((size_t)png.width * bits + 7) / 8 + 1, codes = palette ? 256 : 1u << depth % 32;
     if ((double)line * png.height > 1032 * (double)png.data.size || line > INT_MAX)
         ITN__DAMAGED(text, "more pixels than the data hold: cut off or damaged");
     if (!text->result)
@@ -10812,7 +10808,6 @@ ITN_API itn_result itn_image_load(const char *path, const itn_context *context, 
     return result;
 }
 
-/* What every saver of images asks for. */
 static itn_result itn__check_image(const itn_image *image, int first_plane, int plane_count,
                                    itn__buffer *buffer, itn_error *error) {
     memset(buffer, 0, sizeof *buffer);
@@ -10849,7 +10844,7 @@ ITN_API ITN__COLD itn_result itn_image_save_exr(const itn_image *image, const ch
     itn_result result = itn__check_image(image, 0, 1, &buffer, error);
     if (result) return result;
     uint64_t width = (uint64_t)image->width, height = (uint64_t)image->height, list = 1;
-    uint64_t line = width * (uint64_t)image->plane_count * 4;
+    uint64_t line = width * (size_t)image->plane_count * 4, last = (height - 1) << 32 | (width - 1);
     const char *fault = line > INT_MAX || image->plane_count > ITN__EXR_CHANNELS
                             ? "a line of 2 GiB, or 1025 planes" : itn__exr_order(image, order);
     if (fault) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving an image: %s", fault);
@@ -10860,12 +10855,11 @@ ITN_API ITN__COLD itn_result itn_image_save_exr(const itn_image *image, const ch
         itn__put(&buffer, image->names[order[i]], strlen(image->names[order[i]]) + 1);
         ITN__PUT_BYTES(&buffer, "\2\0\0\0\0\0\0\0\1\0\0\0\1\0\0\0");
     }
-    ITN__PUT_BYTES(&buffer, "\0compression\0compression\0\1\0\0\0\0");
-    for (int i = 0; i < 2; i++) {
-        itn__put(&buffer, i ? "displayWindow" : "dataWindow", i ? 14 : 11);
-        ITN__PUT_BYTES(&buffer, "box2i\0\20\0\0\0\0\0\0\0\0\0\0\0");
-        itn__put_number(&buffer, (height - 1) << 32 | (width - 1), 8, 0);
-    }
+    ITN__PUT_BYTES(&buffer, "\0compression\0compression\0\1\0\0\0\0"
+                            "dataWindow\0box2i\0\20\0\0\0\0\0\0\0\0\0\0\0");
+    itn__put_number(&buffer, last, 8, 0);
+    ITN__PUT_BYTES(&buffer, "displayWindow\0box2i\0\20\0\0\0\0\0\0\0\0\0\0\0");
+    itn__put_number(&buffer, last, 8, 0);
     ITN__PUT_BYTES(&buffer, "lineOrder\0lineOrder\0\1\0\0\0\0"
                             "pixelAspectRatio\0float\0\4\0\0\0\0\0\x80\x3f"
                             "screenWindowCenter\0v2f\0\10\0\0\0\0\0\0\0\0\0\0\0"
@@ -10913,12 +10907,6 @@ static float itn__scale_of(const float *values, size_t count, int with_signs) {
     return itn__float_of(found) >= FLT_MIN ? 1 / itn__float_of(found) : 1;
 }
 
-/* Puts the checksum of a PNG chunk, whose type begins there. */
-static void itn__png_put_sum(itn__buffer *png, size_t start) {
-    if (!png->failed)
-        itn__put_number(png, itn__crc32(png->bytes + start, png->size - start), 4, 1);
-}
-
 /* Noise does not compress: the zlib stream of the file is stored blocks of pixels of a row. */
 ITN_API ITN__COLD itn_result itn_image_save_png(const itn_image *image, int first_plane,
                                                 int plane_count, itn_png_mode mode, float scale,
@@ -10941,7 +10929,7 @@ ITN_API ITN__COLD itn_result itn_image_save_png(const itn_image *image, int firs
     ITN__PUT_BYTES(&png, "\x89PNG\r\n\x1a\n\0\0\0\15IHDR");
     itn__put_number(&png, width << 32 | height, 8, 1);
     ITN__PUT_BYTES(&png, "\10\2\0\0\0"); /* 8 bits, RGB, deflate, filters, not interlaced */
-    itn__png_put_sum(&png, 12);
+    itn__put_number(&png, png.failed ? 0 : itn__crc32(png.bytes + 12, 17), 4, 1);
     itn__put_number(&png, size, 4, 1);
     size_t start = png.size;
     ITN__PUT_BYTES(&png, "IDAT\x78\1");
@@ -10958,16 +10946,15 @@ ITN_API ITN__COLD itn_result itn_image_save_png(const itn_image *image, int firs
                 bytes[1 + k] = (unsigned char)(fmin(fmax(v[k], 0), 1) * 255 + .5);
             }
             if (x % BLOCK == 0) { /* whether it is the last, its size, and that turned */
-                int left = image->width - x, last = left <= BLOCK;
-                uint64_t block = (uint64_t)(3 * (last ? left : BLOCK) + !x);
-                itn__put_number(&png, (last && y == image->height - 1) | block << 8 |
-                                      (block ^ 0xffff) << 24, 5, 0);
+                int left = image->width - x, last = left <= BLOCK && y == image->height - 1;
+                uint64_t block = (uint64_t)(3 * (left < BLOCK ? left : BLOCK) + !x);
+                itn__put_number(&png, (uint64_t)last | block << 8 | (block ^ 0xffff) << 24, 5, 0);
             }
             sum = itn__adler32(sum, bytes + (x > 0), 3 + (x == 0));
             itn__put(&png, bytes + (x > 0), 3 + (x == 0));
         }
     itn__put_number(&png, sum, 4, 1);
-    itn__png_put_sum(&png, start);
+    itn__put_number(&png, png.failed ? 0 : itn__crc32(png.bytes + start, (size_t)size + 4), 4, 1);
     ITN__PUT_BYTES(&png, "\0\0\0\0IEND\xae\x42\x60\x82");
     return itn__write_file(path, &png, error);
 }
@@ -11408,8 +11395,8 @@ ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn
        48  steps taken, 64 bits
        56  arrays x count floats, in the order of itn_net_parameters
       end  checksum of all bytes before, 64 bits
-   Integers have 32 bits where not stated. The checksum is FNV-1a (Fowler, Noll and Vo): each step
-   h <- (h ^ byte) prime can be undone, so any one changed byte changes the result. */
+   Integers have 32 bits where not stated. The checksum is FNV-1a (Fowler, Noll and Vo), whose steps
+   can be undone: so any one changed byte changes the result. */
 
 static uint64_t itn__fnv1a(const unsigned char *bytes, size_t size) {
     uint64_t hash = 0xcbf29ce484222325ull;
