@@ -262,9 +262,9 @@ ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray);
 /* ---- [api-scene] what is in the picture, as descs and as text files -------------------------- */
 
 /* Of descs: where a field has [3] numbers, only [0] counts with one channel, all with three; those
-   called _rgb hold for each channel instead of the field without, unless all are 0. */
-
-/* How the film weighs what arrives around a pixel's middle. */
+   called _rgb hold for each channel instead of the field without, unless all are 0. Names of items
+   are 1 to 32 letters, digits, _ or -, beginning with a letter, and tell the items of a kind apart.
+   A filter says how the film weighs what arrives around a pixel's middle. */
 typedef enum itn_filter { ITN_FILTER_BOX = 0, ITN_FILTER_GAUSSIAN } itn_filter;
 
 typedef struct itn_film_desc {
@@ -272,10 +272,9 @@ typedef struct itn_film_desc {
     int channels;      /* 1 (default, Y) or 3 (R, G, B) */
     itn_filter filter; /* box: the pixel's square; Gaussian: cut at four deviations */
     float deviation;   /* of the Gaussian, in pixels, .1 to 4; 0 = .5. With box: 0 */
-    float exposure, exposure_rgb[3]; /* multiplies the picture, in [1e-12,1e12]; 0 = 1; of three the
-                                        camera's white balance */
-    float background[3]; /* what a camera ray brings that meets no object, in the place of the
-                            lights, in [0,1e18]; it lights nothing */
+    float exposure, exposure_rgb[3]; /* multiplies the picture, in [1e-12,1e12]; 0 = 1 */
+    float background[3]; /* seen in the place of lights behind all objects, in [0,1e18]; it lights
+                            nothing */
     int has_background;  /* 1: background is taken also when it is 0; 0: then lights are seen */
 } itn_film_desc;
 
@@ -287,8 +286,7 @@ typedef struct itn_camera_desc {
     float fov;            /* degrees, of the horizontal axis, in [1e-6,179.999]; 0 = 30 */
 } itn_camera_desc;
 
-/* A homogeneous medium with a Henyey-Greenstein phase function. Names of items are 1 to 32 letters,
-   digits, _ or -, beginning with a letter, and tell the items of a kind apart. */
+/* A homogeneous medium with a Henyey-Greenstein phase function. */
 typedef struct itn_medium_desc {
     const char *name;
     float sigma_t;   /* extinction per scene unit, in [0,1e12]; a scene of more than 1e6 mean free
@@ -303,8 +301,8 @@ typedef enum itn_surface_type { ITN_SURFACE_DIELECTRIC = 0, ITN_SURFACE_DIFFUSE 
 typedef enum itn_texture_type {
     ITN_TEXTURE_NONE = 0,
     ITN_TEXTURE_CHECKER, /* squares of reflectance, from coordinates (0, 0) on, and reflectance2 */
-    ITN_TEXTURE_IMAGE    /* reflectance times the image, bilinear, repeated; at (0, 0) is its lower
-                            left corner, its first row is below (0, 1) */
+    ITN_TEXTURE_IMAGE    /* reflectance times the image, bilinear, repeated, whose lower left corner
+                            is (0, 0), the upper right one (1, 1) */
 } itn_texture_type;
 
 typedef struct itn_surface_desc {
@@ -320,11 +318,10 @@ typedef struct itn_surface_desc {
 } itn_surface_desc;
 
 /* A mesh with what is inside it and what its surface does. Where closed objects overlap, the medium
-   of the one that comes later in the list fills the overlap, and of those with a dielectric surface
-   the later one's index holds; opaque surfaces always show. Where faces of dielectrics coincide, as
-   of water and its glass, they are one boundary without air between, of the surface of the last one
-   in the list; between a dielectric and an opaque surface there is air. Texture coordinates of a
-   mesh without uvs are x, z of the scene. */
+   of the later one in the list fills the overlap, and the later dielectric's index holds; opaque
+   surfaces always show. Where faces of dielectrics coincide, as of water and its glass, they are
+   one boundary without air between, of the last one's surface; between a dielectric and an opaque
+   surface there is air. Texture coordinates of a mesh without uvs are x, z of the scene. */
 typedef struct itn_object_desc {
     const itn_mesh *mesh; /* copied; NULL: a horizontal square at plane_y, half_size each way, with
                              a diffuse surface and no medium */
@@ -334,17 +331,15 @@ typedef struct itn_object_desc {
                             `medium` must be given */
     float transform[12]; /* rows of a 3x4 matrix applied to positions, finite, its 3x3 part not
                             singular; it may mirror; all zero = identity */
-    int force;           /* 1: take a mesh for a medium even if it is open or inside out, or if its
-                            parts overlap, lie within each other or are inside out; behind a hole
-                            the medium ends with the box of all the scene's solids */
+    int force;           /* 1: take a mesh that is no solid (open, inside out, its parts overlap);
+                            behind a hole the medium ends with the box of all solids */
 } itn_object_desc;
 
-/* Light from infinitely far: the same from everywhere, by a picture of all directions, or a sky.
-   Several add up. */
+/* Light from infinitely far: the same from everywhere, a picture of all directions, or a sky. */
 typedef enum itn_light_type { ITN_LIGHT_CONSTANT = 0, ITN_LIGHT_MAP, ITN_LIGHT_SKY } itn_light_type;
 
-/* A Hosek-Wilkie sky for one sun elevation, turbidity and ground albedo (2012, equation 8, which is
-   said in [light]), for R, G and B; a film of one channel has their luminance. */
+/* A Hosek-Wilkie sky for one sun elevation, turbidity and ground albedo (2012, equation 8, see
+   [light]), for R, G and B; a film of one channel has their luminance. */
 typedef struct itn_sky {
     float coefficients[3][9]; /* in the published order, A B C D E F G I H; H in (-1,1) */
     float radiance[3];
@@ -357,9 +352,8 @@ typedef struct itn_light_desc {
     float radiance[3];       /* constant: in [0,1e18] */
     const itn_image *image;  /* map: latitude-longitude; with u, v in [0,1] across and down,
                                 direction = (sin 2 pi u sin pi v, cos pi v, -cos 2 pi u sin pi v);
-                                pixels are at u = (column + .5) / width, v = row / (height - 1):
-                                the first row is the zenith, +y, the last the nadir; Y or R,G,B
-                                or a single plane (with one channel their luminance) in
+                                pixels are at u = (column + .5) / width, v = row / (height - 1);
+                                Y or R,G,B or a single plane (with one channel their luminance) in
                                 [0,1e18], at least 2 rows and at most 715 million pixels; copied */
     itn_sky sky;
     itn_vec3 sun_direction;  /* sky: towards the sun, above the horizon */
@@ -369,8 +363,8 @@ typedef struct itn_light_desc {
                                 [.01, 320]; 0 = 1 */
 } itn_light_desc;
 
-/* 1 to 64 objects, 1 to 64 lights, and up to 4096 media and surfaces each (in a file: 64). The
-   arrays are the caller's and copied; those of none may be NULL. */
+/* 1 to 64 objects, 1 to 64 lights, and up to 4096 media and surfaces each (in a file: 64). Arrays
+   are copied; those of none may be NULL. */
 typedef struct itn_scene_desc {
     itn_film_desc film;
     itn_camera_desc camera;
@@ -385,8 +379,8 @@ typedef struct itn_scene_desc {
    a function takes a scene, it must not be NULL. */
 typedef struct itn_scene itn_scene;
 
-/* Makes a scene. Errors: ARGUMENT (which item, which field, what range), MESH (how many edges, and
-   the first; what else itn_result says), MEMORY. context may be NULL. Free with itn_scene_free. */
+/* Makes a scene. Errors: ARGUMENT (which item, which field, what range), MESH, MEMORY. context may
+   be NULL. Free with itn_scene_free. */
 ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_context *context,
                                     itn_scene **scene, itn_error *error);
 
@@ -396,8 +390,7 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
    a comment, joins the next one to it. Paths are relative to the scene file's folder; paths and
    names hold no blanks. COLOUR is one number, or three (r g b) where the film has three channels;
    both of a checker have one form. Fields in [ ] may be left out; ranges are those of the descs.
-   Nothing is guessed: unknown, doubled and missing fields, wrong counts, values out of range and
-   undefined names are errors. One camera, one light or more.
+   What is unknown, doubled, missing or out of range is an error.
 
        [film  [width N] [height N] [channels 1|3] [filter box|gaussian]       (128 x 128, 1, box)
               [deviation PIXELS]                                     (of the Gaussian: .5 pixels)
@@ -420,9 +413,7 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
    `scale S`, `scale X Y Z` (positive, at most 1e12), `rotate AXIS_X AXIS_Y AXIS_Z DEGREES` or
    `translate X Y Z`; any number of them are applied to the mesh from left to right. Meshes are OBJ
    or PLY, images as itn_image_load reads them. A sky file has likewise the fields of itn_sky:
-
-       coefficients_r A B C D E F G I H      coefficients_g ...      coefficients_b ...
-       radiance R G B                        sun_radiance R G B */
+   coefficients_r (and _g, _b) A B C D E F G I H, radiance R G B and sun_radiance R G B. */
 
 /* A file in memory, by the name that a scene calls it. */
 typedef struct itn_file {
@@ -432,10 +423,9 @@ typedef struct itn_file {
 } itn_file;
 
 /* Makes a scene of the bytes of a scene file. The files that it names are looked for among `files`
-   (file_count of them; NULL and 0 for none); others are opened as if the scene were the file `name`
-   (NULL = "scene"), which with ITN_NO_STDIO is an error. Errors: those of itn_scene_create, with
-   FORMAT for an ARGUMENT, and of the loaders; error->line is the line of the scene file, and the
-   message begins "name:line: " (line 0: it is not in a single line). */
+   (NULL and 0 for none); others are opened as if the scene were the file `name` (NULL = "scene"),
+   which with ITN_NO_STDIO is an error. Errors: those of itn_scene_create, with FORMAT for an
+   ARGUMENT, and of the loaders, as "name:line: ..." (line 0: not in a single line). */
 ITN_API itn_result itn_scene_from_memory(const void *bytes, size_t size, const char *name,
                                          const itn_file *files, int file_count,
                                          const itn_context *context, itn_scene **scene,
@@ -450,19 +440,17 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 ITN_API void itn_scene_free(itn_scene *scene);
 /* The size of the film, and 1 or 3 channels. */
 ITN_API itn_film_desc itn_scene_film(const itn_scene *scene);
-/* Returns the optical thickness of the objects filled with a medium: sigma_t at theta (NULL: as
-   made), the mean of the channels, times their mean chord 4 volume / surface; 0 if there are none.
-   What an image can tell of sigma_t depends on this number. */
+/* Returns the optical thickness of the objects filled with a medium (0: there are none): sigma_t at
+   theta (NULL: as made), the mean of the channels, times their mean chord 4 volume / surface. */
 ITN_API double itn_scene_thickness(const itn_scene *scene, const float *theta, const char *medium);
 
 /* What tissue optics says of a medium, per scene unit, and standard errors: absorption mu_a,
-   scattering mu_s, and what diffuse light tells, mu_s' = mu_s (1 - g). */
+   scattering mu_s, and mu_s' = mu_s (1 - g). For a medium in a channel (0 with one) at theta (NULL:
+   as made); errors follow to first order from the covariance [count][count] of parameters [count]
+   as itn_refine has them. Returns 0 if there is no such medium or channel, else 1. */
 typedef struct itn_tissue {
     double mu_a, mu_s, mu_s_prime, mu_a_error, mu_s_error, mu_s_prime_error;
 } itn_tissue;
-/* Fills that in for a medium in a channel (0 with one) at theta (NULL: as made). Errors follow to
-   first order from the covariance [count][count] of parameters [count] as itn_refine has them;
-   others have none. Returns 0 if there is no such medium or channel, else 1. */
 ITN_API int itn_scene_tissue(const itn_scene *scene, const float *theta, const char *medium,
                              int channel, const int *parameters, int count,
                              const double *covariance, itn_tissue *tissue);
@@ -476,9 +464,8 @@ ITN_API int itn_scene_tissue(const itn_scene *scene, const float *theta, const c
        film       exposure and, if it has one, background
    for example milk.sigma_t, glass.alpha, light.scale. With three channels albedo, reflectances and
    background are three each (milk.albedo_r, milk.albedo_g, milk.albedo_b), and so are sigma_t, g
-   and exposure that were given as sigma_t_rgb, g_rgb and exposure_rgb (milk.sigma_t_r ...).
-   film.exposure scales all lights and the background at once: of a photo in units of its own seek
-   it, but then not the scale of the only light.
+   and exposure that were given as _rgb. film.exposure scales all lights and the background at once:
+   of a photo in units of its own seek it, but then not the scale of the only light.
    Optimisers step in a coordinate: ln((x-lower)/(upper-x)) of albedo, g, ior and reflectances, ln x
    of all others. */
 typedef enum itn_transform { ITN_LOG = 0, ITN_LOGIT } itn_transform;
@@ -497,9 +484,8 @@ ITN_API const itn_parameter *itn_parameter_get(const itn_scene *scene, int index
 ITN_API int itn_parameter_find(const itn_scene *scene, const char *name);
 ITN_API void itn_parameter_values(const itn_scene *scene, float *theta);
 /* The optimiser's coordinate of a value, its inverse (a value within the bounds), and d value /
-   d coordinate at a value. All are finite: logits are cut to +-16, and a logarithm is that of the
-   lower bound at least (of e^-80 times the upper one, where the lower is 0); so a value on such a
-   bound does not come back exactly. */
+   d coordinate at a value. All are finite: logits are cut to +-16, a logarithm is that of the lower
+   bound at least (where that is 0, of e^-80 times the upper one). */
 ITN_API double itn_parameter_to_coordinate(const itn_parameter *parameter, double value);
 ITN_API double itn_parameter_from_coordinate(const itn_parameter *parameter, double coordinate);
 ITN_API double itn_parameter_slope(const itn_parameter *parameter, double value);
@@ -2864,15 +2850,15 @@ static void itn__light_radiance(const itn__light *light, int channels, itn_vec3 
 /* ---- [scene] what a scene holds -------------------------------------------------------------- */
 
 /* Every number that can be differentiated lives in the parameter table; media, surfaces and lights
-   hold indices into it, and a render reads its values from theta. All triangles share one tree, in
-   coordinates whose origin is the middle of the solids, so that a scene far from its own origin
-   keeps its digits. What is computed on demand, as the tables of the fast walk, is kept with it.
+   hold indices into it, and a render reads its values from theta. All triangles share one tree,
+   whose origin is the middle of the solids, so that a scene far from its own origin keeps its
+   digits.
 
    The camera is a pinhole at `eye`; a pixel's value is the mean radiance over the reconstruction
-   filter around its centre. Positions are drawn from the filter itself (filter importance
-   sampling), so every sample has weight 1 and belongs to one pixel only. A Gaussian's, cut at four
-   deviations, are at the distance deviation sqrt(-2 ln(1 - (1 - e^-8) u)). The film multiplies all
-   that paths bring by its exposure e: a score of 1/e that every path begins with. */
+   filter around its centre. Positions are drawn from the filter itself, so every sample has weight
+   1 and belongs to one pixel only; a Gaussian's, cut at four deviations, are at the distance
+   deviation sqrt(-2 ln(1 - (1 - e^-8) u)). The film multiplies all that paths bring by its
+   exposure e: a score of 1/e that every path begins with. */
 typedef struct itn__camera {
     itn_vec3 eye, forward, right, up; /* right and up are as long as half the film at distance 1 */
     int width, height;
@@ -2963,34 +2949,31 @@ static int itn__find_name(const char *name, const void *items, size_t stride, in
 ITN_API double itn_scene_thickness(const itn_scene *scene, const float *theta,
                                    const char *medium) {
     double volume = 0, area = 0, sigma_t = 0;
-    int k = itn__find_name(medium, scene->media, sizeof *scene->media, scene->medium_count), i;
-    for (i = 0; i < scene->object_count && k >= 0; i++)
-        if (scene->objects[i].medium == k)
+    int m = itn__find_name(medium, scene->media, sizeof *scene->media, scene->medium_count);
+    for (int i = 0; i < scene->object_count && m >= 0; i++)
+        if (scene->objects[i].medium == m)
             volume += scene->objects[i].volume, area += scene->objects[i].area;
-    if (!(area > 0)) return 0;
-    for (int c = 0; c < 3; c++) {
-        i = scene->media[k].sigma_t[c];
+    for (int c = 0; c < 3 && area > 0; c++) {
+        int i = scene->media[m].sigma_t[c];
         sigma_t += (theta ? theta[i] : scene->parameters[i].value) / 3.;
     }
-    return sigma_t * 4 * volume / area;
+    return area > 0 ? sigma_t * 4 * volume / area : 0;
 }
 
 ITN_API int itn_scene_tissue(const itn_scene *scene, const float *theta, const char *medium,
                              int channel, const int *parameters, int count,
                              const double *covariance, itn_tissue *tissue) {
     int m = itn__find_name(medium, scene->media, sizeof *scene->media, scene->medium_count);
-    int at[3];
-    double x[3], variance[3] = {0, 0, 0}, slopes[3][3]; /* of mu_a, mu_s, mu_s' by sigma_t ... g */
+    double x[3], variance[3] = {0, 0, 0};
     if (m < 0 || channel < 0 || channel >= scene->film.channels) return 0;
-    at[0] = scene->media[m].sigma_t[channel], at[1] = scene->media[m].albedo + channel;
-    at[2] = scene->media[m].g[channel];
+    const int at[3] = {scene->media[m].sigma_t[channel], scene->media[m].albedo + channel,
+                       scene->media[m].g[channel]};
     for (int k = 0; k < 3; k++)
         x[k] = (double)(theta ? theta[at[k]] : scene->parameters[at[k]].value);
-    for (int k = 0; k < 3; k++) {
-        double rest = k == 2 ? 1 - x[2] : 1; /* mu_s' = mu_s (1 - g) */
-        slopes[k][0] = k ? x[1] * rest : 1 - x[1], slopes[k][1] = k ? x[0] * rest : -x[0];
-        slopes[k][2] = k == 2 ? -x[0] * x[1] : 0;
-    }
+    double left = 1 - x[2]; /* mu_s' = mu_s (1 - g) */
+    const double slopes[3][3] = {{1 - x[1], -x[0], 0}, /* of mu_a, mu_s, mu_s' by sigma_t ... g */
+                                 {x[1], x[0], 0},
+                                 {x[1] * left, x[0] * left, -x[0] * x[1]}};
     for (int i = 0; i < count * count; i++)
         for (int a = 0; a < 3; a++)
             for (int b = 0; b < 3 && parameters[i / count] == at[a]; b++)
@@ -2998,8 +2981,7 @@ ITN_API int itn_scene_tissue(const itn_scene *scene, const float *theta, const c
                     variance[k] += slopes[k][a] * slopes[k][b] * covariance[i];
     tissue->mu_a = x[0] * (1 - x[1]), tissue->mu_a_error = sqrt(fmax(variance[0], 0));
     tissue->mu_s = x[0] * x[1], tissue->mu_s_error = sqrt(fmax(variance[1], 0));
-    tissue->mu_s_prime = tissue->mu_s * (1 - x[2]);
-    tissue->mu_s_prime_error = sqrt(fmax(variance[2], 0));
+    tissue->mu_s_prime = x[0] * x[1] * left, tissue->mu_s_prime_error = sqrt(fmax(variance[2], 0));
     return 1;
 }
 
