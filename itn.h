@@ -10066,8 +10066,7 @@ static double itn__take_decimal(itn__text *text, const char *what) {
 #ifdef __cplusplus
 extern "C"
 #endif
-__declspec(dllimport) int __stdcall MoveFileExA(const char *from, const char *to,
-                                                unsigned long flags);
+__declspec(dllimport) int __stdcall MoveFileExA(const char *, const char *, unsigned long);
 #define ITN__SYNC(file) _commit(_fileno(file))
 #define ITN__RENAME(from, to) (MoveFileExA(from, to, 1 | 8) ? 0 : EACCES) /* replace, and sync */
 #else
@@ -10292,8 +10291,7 @@ static float *itn__pixel(const itn_image *image, int plane, int row, int x) {
    they stand in the file; the table, which a program that was stopped leaves empty, is not. What
    is stored is the data window; the image is the display window, 0 where there are no data. */
 
-enum { ITN__EXR_LONG_NAMES = 0x400, ITN__EXR_CHANNELS = 1024 };
-enum { ITN__EXR_UINT, ITN__EXR_HALF, ITN__EXR_FLOAT };
+enum { ITN__EXR_CHANNELS = 1024 /* at most */, ITN__EXR_HALF = 1, ITN__EXR_FLOAT /* 0: uint */ };
 enum { ITN__EXR_NONE, ITN__EXR_RLE, ITN__EXR_ZIPS, ITN__EXR_ZIP };
 typedef struct itn__exr {
     const char *names[ITN__EXR_CHANNELS + 1]; /* in the file's bytes */
@@ -10393,7 +10391,7 @@ static ITN__COLD void itn__exr_decode(itn__text *text, itn_image *image) {
     int64_t *data = exr.data, *shown = exr.display;
     const char *name;
     exr.compression = -1, data[2] = shown[2] = INT64_MIN; /* which no file says */
-    if ((version & ~(uint64_t)ITN__EXR_LONG_NAMES) != 2)
+    if (version != 2 && version != 0x402) /* 400: long names */
         ITN__UNSUPPORTED(text, "EXR of tiles, deep data, several parts or another version than 2");
     while (*(name = itn__take_string(text))) {
         itn__take_string(text); /* the type */
@@ -10575,6 +10573,7 @@ static ITN__COLD void itn__png_decode(itn__text *text, itn_image *image) {
     int palette = png.type == ITN__PNG_PALETTE, samples = palette ? 1 : png.colours + png.alpha;
     size_t depth = (size_t)png.depth, bits = depth * (size_t)samples;
     size_t line = ((size_t)png.width * bits + 7) / 8 + 1, codes = palette ? 256 : 1u << depth % 32;
+    double gamma = (double)png.gamma;
     if ((double)line * png.height > 1032 * (double)png.data.size || line > INT_MAX)
         ITN__DAMAGED(text, "more pixels than the data hold: cut off or damaged");
     if (!text->result)
@@ -10600,11 +10599,10 @@ static ITN__COLD void itn__png_decode(itn__text *text, itn_image *image) {
                 unsigned code = (unsigned)itn__from_bytes(row + 1 + bit / 8, (depth + 7) / 8, 1);
                 if (depth < 8) code = code >> (8 - depth - bit % 8) & ((1u << depth) - 1);
                 if (palette) code = png.palette[code][k];
-                double value = (double)code / image->codes;
                 if (light[code] == 0 && k < png.colours)
-                    light[code] = (float)itn__decode(value, (double)image->gamma);
+                    light[code] = (float)itn__decode((double)code / (double)(codes - 1), gamma);
                 *itn__pixel(image, k, (int)text->number, x) =
-                    k < png.colours ? light[code] : (float)value;
+                    k < png.colours ? light[code] : (float)code / (float)(codes - 1);
             }
     }
     itn__free(&image->context, light), itn__buffer_free(&png.data);
@@ -10878,13 +10876,12 @@ ITN_API itn_result itn_image_save_pfm(const itn_image *image, int first_plane, i
 static float itn__scale_of(const float *values, size_t count, int with_signs) {
     uint32_t found = 0;
     for (uint32_t bit = 1u << 30; bit; bit >>= 1) {
-        float level = itn__float_of(found | bit);
-        size_t below = 0, total = 0;
+        size_t above = 0, total = 0;
         for (size_t i = 0; i < count; i++) {
-            below += (with_signs ? fabsf(values[i]) : values[i]) < level && itn__finite(values[i]);
-            total += itn__finite(values[i]) != 0;
+            float value = with_signs ? fabsf(values[i]) : values[i];
+            if (itn__finite(value)) total++, above += value >= itn__float_of(found | bit);
         }
-        if (below < total - total / 100) found |= bit; /* the percentile is not below */
+        if (above > total / 100) found |= bit;
     }
     return itn__float_of(found) >= FLT_MIN ? 1 / itn__float_of(found) : 1;
 }
