@@ -2861,8 +2861,6 @@ static void itn__light_radiance(const itn__light *light, int channels, itn_vec3 
    exposure e: a score of 1/e that every path begins with. */
 typedef struct itn__camera {
     itn_vec3 eye, forward, right, up; /* right and up are as long as half the film at distance 1 */
-    int width, height;
-    float deviation; /* of a Gaussian filter; 0: box */
     int exposure[3]; /* parameters of each channel, or three times the same one */
     int background;  /* parameter of channel 0; -1: none */
 } itn__camera, itn__film;
@@ -2886,6 +2884,20 @@ typedef struct itn__object {
 typedef struct itn__kept {
     void (*release)(const itn_context *context, void *kept);
 } itn__kept;
+
+/* A chain of blocks of memory, each behind its header. */
+typedef struct itn__block {
+    itn__kept kept;
+    size_t size; /* bytes behind the header */
+    struct itn__block *next;
+} itn__block;
+enum { ITN__HEADER = 64 };
+
+static void itn__free_blocks(const itn_context *context, void *block) {
+    for (void *next = block; (block = next) != NULL; itn__free(context, block))
+        next = ((itn__block *)block)->next;
+}
+
 enum { ITN__TABLE_LEVELS = 3, ITN__SCRATCH = ITN__TABLE_LEVELS, ITN__KEPT };
 
 /* The field that a parameter stands in, and the channel that alone depends on it; -1: all do. */
@@ -2897,7 +2909,7 @@ typedef struct itn__source {
 
 struct itn_scene {
     itn_context context;
-    void *blocks; /* of memory, the last one made; each begins with the address of that before */
+    itn__block *blocks; /* its memory */
     itn_film_desc film;
     itn__camera camera;
     itn__medium *media;
@@ -2929,11 +2941,7 @@ ITN_API void itn_scene_free(itn_scene *scene) {
     for (int i = 0; scene->kept && i < ITN__KEPT; i++)
         if (scene->kept[i]) ((itn__kept *)scene->kept[i])->release(&context, scene->kept[i]);
     itn_bvh_free(scene->bvh);
-    while (scene->blocks) {
-        void *block = scene->blocks;
-        memcpy(&scene->blocks, block, sizeof block);
-        itn__free(&context, block);
-    }
+    itn__free_blocks(&context, scene->blocks);
     itn__free(&context, scene);
 }
 
@@ -2986,16 +2994,18 @@ ITN_API int itn_scene_tissue(const itn_scene *scene, const float *theta, const c
 }
 
 /* Ray through pixel (x, y) for u, v in (0,1). */
-static itn_ray itn__camera_ray(const itn__camera *camera, int x, int y, float u, float v) {
+static itn_ray itn__camera_ray(const itn_scene *scene, int x, int y, float u, float v) {
+    const itn_film_desc *film = &scene->film;
+    const itn__camera *camera = &scene->camera;
     float dx = u - .5f, dy = v - .5f;
     itn_ray ray;
-    if (camera->deviation > 0) { /* radius by its inverse distribution */
+    if (film->filter == ITN_FILTER_GAUSSIAN) { /* radius by its inverse distribution */
         float cut = 1 - expf(-8.f), phi = 2 * ITN__PI * v;
-        float r = camera->deviation * sqrtf(-2 * logf(1 - cut * u));
+        float r = film->deviation * sqrtf(-2 * logf(1 - cut * u));
         dx = r * cosf(phi), dy = r * sinf(phi);
     }
-    float sx = 2 * ((float)x + .5f + dx) / (float)camera->width - 1;
-    float sy = 1 - 2 * ((float)y + .5f + dy) / (float)camera->height;
+    float sx = 2 * ((float)x + .5f + dx) / (float)film->width - 1;
+    float sy = 1 - 2 * ((float)y + .5f + dy) / (float)film->height;
     ray.origin = camera->eye;
     ray.direction = itn__normalize(
         itn__along(itn__along(camera->forward, sx, camera->right), sy, camera->up));
@@ -3829,29 +3839,29 @@ static int itn__roulette(itn__walk *walk) {
 
 /* Begins one sample of one pixel; returns its camera ray. */
 static itn_ray itn__begin_path(itn__walk *walk, uint64_t seed, int x, int y, int sample) {
-    const itn__camera *camera = &walk->scene->camera;
+    const itn_scene *scene = walk->scene;
     size_t scores = (size_t)walk->channels * sizeof(float);
-    uint64_t pixel = (uint64_t)y * (uint64_t)camera->width + (uint64_t)x;
+    uint64_t pixel = (uint64_t)y * (uint64_t)scene->film.width + (uint64_t)x;
     itn__rng own = itn__rng_make(seed, pixel, UINT64_MAX); /* of the pixel */
     walk->rng = itn__rng_make(seed, pixel, (uint64_t)sample);
-    walk->place.sides = walk->scene->sides;
-    itn__settle(walk->scene, &walk->place);
+    walk->place.sides = scene->sides;
+    itn__settle(scene, &walk->place);
     walk->place.crossed_count = 0;
-    walk->place.hero = walk->scene->spectral ? (int)((own.key0 % 3 + (uint32_t)sample) % 3) : 0;
+    walk->place.hero = scene->spectral ? (int)((own.key0 % 3 + (uint32_t)sample) % 3) : 0;
     for (int c = 0; c < 3; c++) {
         walk->weight.beta[c] = 1, walk->weight.zero[c] = 0, walk->radiance[c] = 0;
         walk->share[c] = 1 / 3.f;
     }
     memset(walk->weight.score, 0, scores * (size_t)walk->score_count);
     for (int c = 0; c < walk->channels; c++) {
-        int exposure = camera->exposure[c], slot = itn__slot(walk, exposure);
+        int exposure = scene->camera.exposure[c], slot = itn__slot(walk, exposure);
         if (slot >= 0) walk->weight.score[c * walk->score_count + slot] = 1 / walk->theta[exposure];
     }
     memset(walk->derivative, 0, scores * (size_t)walk->count);
     if (walk->texels) walk->texels->place_count = 0;
     walk->pdf = INFINITY, walk->steps = walk->scatterings = walk->boundaries = 0;
     float u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
-    return itn__camera_ray(camera, x, y, u, v);
+    return itn__camera_ray(scene, x, y, u, v);
 }
 
 /* One sample of one pixel: walk->radiance and walk->derivative receive its value. */
@@ -4632,14 +4642,13 @@ static itn_result itn__refuse(itn__maker *maker, itn_result code, const char *fo
 /* Memory, zeroed, that the scene keeps to its end; NULL if there is none. */
 #define ITN__KEEP(type, count) ((type *)itn__keep(maker, (size_t)(count), sizeof(type)))
 static void *itn__keep(itn__maker *maker, size_t count, size_t size) {
-    const size_t head = 64; /* bytes before it, which keep it aligned */
-    void **blocks = &maker->scene->blocks, *block = NULL;
+    itn__block *block = NULL;
     if (count <= SIZE_MAX / 4 / size)
-        block = itn__allocate(&maker->scene->context, 1, head + count * size);
+        block = (itn__block *)itn__allocate(&maker->scene->context, 1, ITN__HEADER + count * size);
     if (!block) itn__refuse(maker, ITN_ERROR_MEMORY, "out of memory");
     if (!block) return NULL;
-    memcpy(block, blocks, sizeof block), *blocks = block;
-    return (char *)block + head;
+    block->next = maker->scene->blocks, maker->scene->blocks = block;
+    return (char *)block + ITN__HEADER;
 }
 
 /* Adds parameter title.field (or title.field_r for channel 0 of 3...); returns its index. In names
@@ -4745,8 +4754,6 @@ static itn_result itn__make_camera(itn__maker *maker) {
     camera->right = itn__scale(itn__normalize(right), tanf(in.fov * (ITN__PI / 360)));
     camera->up = itn__scale(itn__cross(camera->right, forward),
                             (float)film->height / (float)film->width);
-    camera->width = film->width, camera->height = film->height;
-    camera->deviation = film->deviation;
     return ITN_OK;
 }
 
@@ -5019,22 +5026,16 @@ static const itn_mesh *itn__object_mesh(const itn_object_desc *in, double matrix
     return in->mesh ? in->mesh : &square;
 }
 
-static double itn__determinant(const double m[12]) {
-    return m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
-           m[2] * (m[4] * m[9] - m[5] * m[8]);
-}
-
 /* Position of vertex i in scene coordinates. */
 static void itn__place_vertex(const itn_mesh *mesh, const double m[12], int i, double out[3]) {
     const float *p = mesh->positions + 3 * (size_t)i;
     for (int k = 0; k < 3; k++, m += 4) out[k] = m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3];
 }
 
-/* Resolves names and refuses what cannot be, before any geometry is touched. */
+/* Resolves names and refuses what cannot be. */
 static itn_result itn__name_object(itn__maker *maker, const itn_object_desc *in,
-                                   const itn_mesh *mesh, const double m[12], itn__object *object) {
+                                   itn__object *object) {
     const itn_scene *scene = maker->scene;
-    double size = fabs(itn__determinant(m)) + 0 * (m[3] + m[7] + m[11]);
     object->medium = itn__find_name(in->medium, scene->media, sizeof *scene->media,
                                     scene->medium_count);
     object->surface = itn__find_name(in->surface, scene->surfaces, sizeof *scene->surfaces,
@@ -5050,10 +5051,6 @@ static itn_result itn__name_object(itn__maker *maker, const itn_object_desc *in,
         return ITN__REFUSE("a plane needs a positive half size, and no medium");
     if (!in->mesh && object->refracts)
         return ITN__REFUSE_MESH("a plane has no inside for a dielectric");
-    if (mesh->vertex_count < 1 || mesh->triangle_count < 1 || !mesh->positions || !mesh->triangles)
-        return ITN__REFUSE("the mesh is empty");
-    if (!(size > 0 && size <= DBL_MAX))
-        return ITN__REFUSE("the transform is not finite, or flattens space");
     return ITN_OK;
 }
 
@@ -5084,7 +5081,13 @@ static itn_result itn__make_object(itn__maker *maker, int index) {
     double m[12], p[3];
     const itn_mesh *mesh = itn__object_mesh(in, m);
     itn__go_to(maker, ITN__OBJECT, index);
-    if (itn__name_object(maker, in, mesh, m, object)) return maker->result;
+    if (itn__name_object(maker, in, object)) return maker->result;
+    if (mesh->vertex_count < 1 || mesh->triangle_count < 1 || !mesh->positions || !mesh->triangles)
+        return ITN__REFUSE("the mesh is empty");
+    double size = m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
+                  m[2] * (m[4] * m[9] - m[5] * m[8]); /* the determinant */
+    if (size == 0 || !itn__finite(size + m[3] + m[7] + m[11]))
+        return ITN__REFUSE("the transform is not finite, or flattens space");
     maker->result = itn_mesh_check(mesh, &maker->scene->context, &report, maker->error);
     if (maker->result) return maker->result;
     if (report.bad_vertices || report.bad_indices)
@@ -5098,8 +5101,8 @@ static itn_result itn__make_object(itn__maker *maker, int index) {
         return itn__not_a_solid(maker, mesh, &report);
     maker->scene->leaky |= object->solid && open;
     object->closed |= object->solid;
-    object->mirrored = (itn__determinant(m) < 0) != (object->solid && report.volume < 0);
-    object->volume = fabs(report.volume * itn__determinant(m));
+    object->mirrored = (size < 0) != (object->solid && report.volume < 0);
+    object->volume = fabs(report.volume * size);
     object->first_triangle = maker->triangle_count, object->triangle_count = mesh->triangle_count;
     if (mesh->triangle_count > INT_MAX / 9 - maker->triangle_count)
         return ITN__REFUSE("too many triangles in the scene");
@@ -5379,7 +5382,7 @@ typedef struct itn__render {
     itn_render_options options; /* with a number in the place of each 0; spp: of a pixel, most */
     const int *parameters;      /* [count] asked for */
     int channels, count;
-    struct itn__scratch *scratch, **block; /* memory for all that follows; what is next of it */
+    itn__block *scratch, **block;     /* memory for all that follows; what is next of it */
     float *theta;      /* a copy of the caller's, or the scene's own values */
     int *slots, *only; /* of each parameter: its place among those asked for, or -1; of each asked
                           for: the channel that it belongs to, or -1 for all */
@@ -7240,7 +7243,7 @@ static void itn__start_ray(itn__crowd *crowd) {
         u[k] = itn__uniform(&rng);
         if (render->options.sampler == ITN_SAMPLER_SOBOL) u[k] = ITN__LANE(x, 0);
     }
-    itn_ray ray = itn__camera_ray(&render->scene->camera, (int)(pixel % (size_t)width),
+    itn_ray ray = itn__camera_ray(render->scene, (int)(pixel % (size_t)width),
                                   (int)(pixel / (size_t)width), u[0], u[1]);
     path->p = ray.origin, path->d = ray.direction, path->distance = INFINITY;
     path->hit.triangle = -1;
@@ -7354,35 +7357,22 @@ static void itn__fast_know(itn__render *render) {
    cost more than a small render: so the scene keeps the chain of the last one's blocks, unless it
    is large, and the next one, which mostly asks for the same, takes them in the same order. Of
    several renders at once one has it, and the others allocate. */
-typedef struct itn__scratch {
-    itn__kept kept;
-    size_t size; /* bytes behind the header */
-    struct itn__scratch *next;
-} itn__scratch;
-enum { ITN__HEADER = 64, ITN__KEPT_BYTES = 4 << 20 }; /* kept for each thread */
-
-static void itn__scratch_free(const itn_context *context, void *kept) {
-    while (kept) {
-        void *next = ((itn__scratch *)kept)->next;
-        itn__free(context, kept);
-        kept = next;
-    }
-}
+enum { ITN__KEPT_BYTES = 4 << 20 }; /* kept for each thread */
 
 /* Takes count * size zeroed bytes; returns NULL if that overflows or memory is out. A block that is
    too small is replaced. What a copy of the render takes is free again for the render itself. */
 #define ITN__TAKE(type, render, count) ((type *)itn__take(render, (size_t)(count), sizeof(type)))
 static void *itn__take(itn__render *render, size_t count, size_t size) {
     const itn_context *context = &render->scene->context;
-    itn__scratch *block = *render->block;
+    itn__block *block = *render->block;
     if (size && count > SIZE_MAX / 4 / size) return NULL;
     if (!block || block->size < count * size) {
-        itn__scratch *next = block ? block->next : NULL;
+        itn__block *next = block ? block->next : NULL;
         itn__free(context, block);
-        block = (itn__scratch *)itn__allocate_raw(context, ITN__HEADER + count * size);
+        block = (itn__block *)itn__allocate_raw(context, ITN__HEADER + count * size);
         *render->block = block ? block : next;
         if (!block) return NULL;
-        block->kept.release = itn__scratch_free, block->size = count * size, block->next = next;
+        block->kept.release = itn__free_blocks, block->size = count * size, block->next = next;
     }
     render->block = &block->next;
     return memset((char *)block + ITN__HEADER, 0, count * size);
@@ -7394,11 +7384,11 @@ static itn_result itn__render_end(itn__render *render, itn_result result) {
     size_t bytes = 0;
     if (!render->scratch) return result;
     if (!result && render->options.stats) *render->options.stats = render->stats;
-    for (const itn__scratch *block = render->scratch; block; block = block->next)
+    for (const itn__block *block = render->scratch; block; block = block->next)
         bytes += block->size;
     if (result || bytes / ITN__KEPT_BYTES >= (size_t)itn__loop_threads(&scene->context) ||
         !itn__once_set(&scene->kept[ITN__SCRATCH], render->scratch))
-        itn__scratch_free(&scene->context, render->scratch);
+        itn__free_blocks(&scene->context, render->scratch);
     return result;
 }
 
@@ -7558,7 +7548,7 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
     render->sums = weights ? count : render->planes;
     itn_result result = itn__check_options(render, error);
     if (result) return result;
-    render->scratch = (itn__scratch *)itn__once_take(&scene->kept[ITN__SCRATCH]);
+    render->scratch = (itn__block *)itn__once_take(&scene->kept[ITN__SCRATCH]);
     render->block = &render->scratch;
     render->theta = ITN__TAKE(float, render, scene->parameter_count);
     render->slots = ITN__TAKE(int, render, scene->parameter_count);

@@ -191,7 +191,7 @@ static void fill_stage(stage *s, int which, const itn_mesh *ball, const itn_mesh
 }
 
 static void set_film(itn_scene *scene, int side) {
-    scene->film.width = scene->camera.width = scene->film.height = scene->camera.height = side;
+    scene->film.width = scene->film.height = side;
 }
 
 static itn_scene *load_scene(const char *path, const itn_context *context) {
@@ -200,8 +200,8 @@ static itn_scene *load_scene(const char *path, const itn_context *context) {
     int width, height;
     stage_need(itn_scene_load(path, context, &scene, &error), &error);
     width = scene->film.width, height = scene->film.height;
-    scene->film.width = scene->camera.width = FAST_SIZE;
-    scene->film.height = scene->camera.height = FAST_SIZE * height / width;
+    scene->film.width = FAST_SIZE;
+    scene->film.height = FAST_SIZE * height / width;
     return scene;
 }
 
@@ -716,7 +716,7 @@ static int enter(herd *f, int k) {
     int x = (int)(itn__uniform(&f->rng) * (float)scene->film.width), crossing;
     int y = (int)(itn__uniform(&f->rng) * (float)scene->film.height);
     float u = itn__uniform(&f->rng), v = itn__uniform(&f->rng);
-    itn_ray ray = itn__camera_ray(&scene->camera, x, y, u, v);
+    itn_ray ray = itn__camera_ray(scene, x, y, u, v);
     place->sides = scene->sides, place->crossed_count = 0;
     itn__settle(scene, place);
     for (crossing = 0; crossing < 8 && !(extinction(f, k) > 0 && itn__uniform(&f->rng) < .7f);
