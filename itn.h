@@ -2231,9 +2231,9 @@ static itn__vectors itn__sample_hg(itn__vectors direction, itn__floats g, itn__f
        f_r cos theta_o = F     D G / (4 cos theta_i),                               m ~ i + o
        f_t cos theta_o = (1-F) D G (i.m) |o.m| eta^2 / (cos theta_i (i.m + eta o.m)^2),
                                                                                 m ~ i + eta o
-   Facets are drawn as omega_i sees them, D_v(m) = G1(omega_i) D(m) (i.m) / cos theta_i (Heitz
-   2018), and reflect or transmit by F; in either case f cos theta_o / pdf = G1(omega_o). Light that
-   would meet a second facet is lost: a white furnace with a rough boundary is darker than 1.
+   Facets are drawn as omega_i sees them, D_v(m) = G1(omega_i) D(m) (i.m) / cos theta_i, and reflect
+   or transmit by F; in either case f cos theta_o / pdf = G1(omega_o). Light that would meet another
+   facet is lost: a white furnace with a rough boundary is darker than 1.
 
    A diffuse surface has f = reflectance / pi on either side; omega_o is drawn with density
    cos theta_o / pi, so that f cos theta_o / pdf is the reflectance.
@@ -2253,15 +2253,16 @@ typedef struct itn__surface {
     float *texels; /* [height][width][3] */
 } itn__surface;
 
+enum { ITN__TEXEL = -2 }; /* as a seed: what an image texture is there */
+
 /* Where light scatters at a surface, in each lane. */
 typedef struct itn__site {
     const itn__surface *surface;
     const float *theta;
     int channels;
     int smooth;              /* it sends light in a few directions only, see itn__bsdf */
-    int seed;                /* slopes are by this parameter; -1: none */
+    int seed;                /* slopes are by this parameter, or ITN__TEXEL; -1: none */
     int after, before;       /* parameters of the indices beyond and before, -1: 1 */
-    int touch;               /* the parameter that an image texture is there; 0: not asked for */
     itn__num eta;            /* index beyond the boundary over index before */
     itn__floats texel[3];    /* what an image texture says there; else 1 */
     itn__ints second;        /* lanes on the second colour of a checker */
@@ -2335,10 +2336,9 @@ static itn__num itn__rough(const itn__vectors *i, const itn__vectors *o,
     return itn__nselect(good, f, itn__constant(zero));
 }
 
-/* Draws a facet as direction i sees them. Where facets are stretched to a hemisphere, i becomes w,
-   and what w is mirrored to is even on the cap z > -w.z of the sphere: so a facet is half-way
-   between w and a point of the cap (Dupuy and Benyoub 2023). alpha 0, a smooth boundary, has one
-   facet. */
+/* Draws a facet as direction i sees them (Dupuy and Benyoub 2023): facets are stretched to a
+   hemisphere, where i becomes w; a facet is half-way between w and a point of the sphere's cap
+   z > -w.z, where all points are alike. alpha 0, a smooth boundary, has one facet. */
 static itn__vectors itn__sample_facet(const itn__vectors *i, itn__floats alpha, itn__floats u,
                                       itn__floats v) {
     itn__floats sine, cosine;
@@ -2406,17 +2406,10 @@ static itn__ints itn__dielectric_sample(itn__site *site, const itn__floats u[3],
                                   site->edge ? itn__splat(1) : u[2], o);
 }
 
-/* Draws o with density cos theta / pi. */
-ITN__INLINE itn__vectors itn__sample_cosine(itn__floats u, itn__floats v) {
-    itn__floats r = itn__root(u), sine, cosine;
-    itn__vsincos_turns(v, &sine, &cosine);
-    return itn__vectors_of(r * cosine, r * sine, itn__root(1 - u));
-}
-
 static void itn__diffuse_eval(const itn__site *site, const itn__vectors *o, itn__num f[3],
                               itn__floats *pdf) {
     const itn__surface *s = site->surface;
-    itn__floats touched = itn__splat(site->touch && site->seed == site->touch);
+    itn__floats touched = itn__splat(site->seed == ITN__TEXEL);
     *pdf = itn__most(o->z, itn__splat(0)) / ITN__PI;
     for (int c = 0; c < site->channels; c++) {
         f[c] = itn__site_value(site, s->reflectance + c);
@@ -2426,39 +2419,40 @@ static void itn__diffuse_eval(const itn__site *site, const itn__vectors *o, itn_
     }
 }
 static itn__ints itn__diffuse_sample(itn__site *site, const itn__floats u[3], itn__vectors *o) {
+    itn__floats r = itn__root(u[0]), sine, cosine;
     (void)site;
-    *o = itn__sample_cosine(u[0], u[1]);
+    itn__vsincos_turns(u[1], &sine, &cosine);
+    *o = itn__vectors_of(r * cosine, r * sine, itn__root(1 - u[0]));
     return itn__splat_int(-1);
 }
 
 /* The surfaces there are. To add one, say rough diffuse:
-   1. Name it last in itn_surface_type. If it has fields that no other has, add these to
-      itn_surface_desc and, where they can be differentiated, to itn__surface: an int of the same
-      name, the index of the parameter. What is said of surfaces there, in the grammar of scene
-      files and in the list of parameters ([api-scene]) gets a line each.
+   1. Name it last in itn_surface_type. Fields that no other has go into itn_surface_desc and, where
+      they can be differentiated, into itn__surface: an int of the same name, the index of the
+      parameter. [api-scene] tells of each, with the desc, in the grammar of scene files and in the
+      list of parameters.
    2. Write eval: for local directions o, f cos theta_o in each of site->channels, with slopes by
       site->seed, and the density with which sample draws o; both 0 where light does not go, as
-      below the horizon of what is opaque. A parameter's value comes from itn__site_value, and with
-      it the slopes. itn__diffuse_eval gives reflectance, its texture and derivatives by texels
-      included, times cos theta_o / pi: what is proportional to that multiplies its f. All lanes are
-      computed, also those that are not in use. Nothing checks that no more light leaves than came.
+      below the horizon of what is opaque. itn__site_value gives a parameter's value with the slope,
+      itn__diffuse_eval reflectance, its texture and derivatives by texels included, times
+      cos theta_o / pi: what is proportional to that multiplies its f. All lanes are computed, also
+      those that are not in use. Nothing checks that no more light leaves than came.
    3. Write sample: draws o by three uniforms and returns the lanes where there is one. What it
       leaves in site->facet eval finds there while site->drawn (o is what has just been drawn).
       Light that leaves in a few directions only (site->smooth) has no density: then eval gives
       f = 0 and pdf = 0, but while site->drawn f / pdf and INFINITY.
-   4. Add a row here, the last one: what it is called in files, its fields (see [fields]), flags,
-      and the two. A reflectance as of diffuse is ITN__REFLECTANCE, the first of the fields, and
-      ITN__TEXTURED. ITN__EDGE: while site->edge, sample draws what derivatives by eta have at the
-      edge of directions, and eval gives it as a slope; the value is 0.
+   4. Add a row here, the last one: its fields (see [fields]), flags, and the two. A reflectance as
+      of diffuse is ITN__REFLECTANCE, the first of the fields, and ITN__TEXTURED.
    Scene files, checks, parameters, both walks and derivatives then know it. What a parameter is
    stands in its field's form: S for a reflectance, a factor of all that leaves (below .01 only the
    reference differentiates in it), N for an index. What refracts is more than a row: solids,
    indices and their derivatives know the dielectric by its type. test_surface.c is what to test. */
 enum {
-    ITN__OPAQUE = 1,  /* nothing goes through */
-    ITN__FACETS = 2,  /* smooth unless alpha is given */
+    ITN__OPAQUE = 1,   /* nothing goes through */
+    ITN__FACETS = 2,   /* smooth unless alpha is given */
     ITN__TEXTURED = 4, /* has ITN__REFLECTANCE */
-    ITN__EDGE = 8 /* where it is rough */
+    ITN__EDGE = 8      /* while site->edge, sample draws what derivatives by eta have at the edge of
+                          directions, and eval gives it as a slope; the value is 0 */
 };
 #define ITN__REFLECTANCE                                                                           \
     ITN__VALUE(surface, reflectance, "013cS", ITN_LOGIT, 0, 1, 0),                                 \
@@ -2502,7 +2496,7 @@ static void itn__site_make(itn__site *site, const itn__surface *surface, const f
     int facets = (itn__bsdfs[surface->type].flags & ITN__FACETS) != 0;
     site->surface = surface, site->theta = theta, site->channels = channels;
     site->smooth = facets && !(surface->alpha >= 0 && theta[surface->alpha] > 0);
-    site->seed = site->after = site->before = -1, site->touch = site->drawn = site->edge = 0;
+    site->seed = site->after = site->before = -1, site->drawn = site->edge = 0;
     site->eta = itn__constant(itn__splat(1)), site->second = itn__splat_int(0);
     site->texel[0] = site->texel[1] = site->texel[2] = itn__splat(1);
     site->frame[2] = *n;
@@ -2586,10 +2580,7 @@ static itn__ints itn__bsdf_sample(itn__site *site, const itn__floats u[3], itn__
    times a radiance; the published data hold A B C D E F G I H in this order. */
 
 typedef enum itn__light_kind { /* rows of itn__light_models */
-    ITN__LIGHT_CONSTANT,
-    ITN__LIGHT_MAP,
-    ITN__LIGHT_SKY,
-    ITN__LIGHT_SUN
+    ITN__LIGHT_CONSTANT, ITN__LIGHT_MAP, ITN__LIGHT_SKY, ITN__LIGHT_SUN
 } itn__light_kind;
 
 /* A density on the unit square that is bilinear between nodes; columns wrap around. */
@@ -2625,10 +2616,8 @@ ITN__INLINE float itn__luminance(const float rgb[3]) {
     return .2126f * rgb[0] + .7152f * rgb[1] + .0722f * rgb[2];
 }
 
-/* Directions in some lanes, and where they are on a map: coordinates and the sine of the angle from
-   its poles. */
+/* Directions, and where they are on a map: coordinates and the sine of the angle from its poles. */
 typedef struct itn__towards {
-    itn__ints mask;
     itn__vectors d;
     itn__floats u, v, sine;
 } itn__towards;
@@ -2674,8 +2663,7 @@ static itn__corners itn__corners_at(itn__floats x, itn__floats y, int width, int
     }
     for (int k = 0; k < 4; k++) {
         corners.at[k] = at[1][k / 2] * width + at[0][k % 2];
-        corners.share[k] =
-            (k / 2 ? part[1] : 1 - part[1]) * (k % 2 ? part[0] : 1 - part[0]);
+        corners.share[k] = (k / 2 ? part[1] : 1 - part[1]) * (k % 2 ? part[0] : 1 - part[0]);
     }
     return corners;
 }
@@ -2752,15 +2740,11 @@ static void itn__map_radiance(const itn__light *light, int channels, const itn__
     for (int k = 0; k < channels; k++) rgb[k] = itn__between(light->map + k, 3, &corners);
 }
 
-/* 1 - cos of the angles from the sun. */
-ITN__INLINE itn__floats itn__from_sun(const itn__light *light, itn__vectors d) {
-    return itn__vone_minus_cosine(d, itn__splat_vector(light->to_sun));
-}
-
 /* The sky is above the horizon; its rare negative values are taken as 0. */
 static void itn__sky_radiance(const itn__light *light, int channels, const itn__towards *to,
                               itn__floats rgb[3]) {
-    itn__floats x = itn__from_sun(light, to->d), zero = itn__splat(0);
+    itn__floats x = itn__vone_minus_cosine(to->d, itn__splat_vector(light->to_sun));
+    itn__floats zero = itn__splat(0);
     itn__floats gamma = 2 * itn__vatan2(itn__root(x), itn__root(2 - x)), cos_gamma = 1 - x;
     itn__floats cos2 = cos_gamma * cos_gamma, height = itn__most(to->d.y, zero);
     for (int k = 0; k < 3; k++) {
@@ -2781,7 +2765,8 @@ static void itn__sky_radiance(const itn__light *light, int channels, const itn__
    draws from the disc would miss them otherwise, who meets it by chance hardly notices. */
 static itn__ints itn__in_sun(const itn__light *light, const itn__towards *to) {
     float rim = light->sun_cone + 4 * FLT_EPSILON * sqrtf(light->sun_cone);
-    return itn__less_equal(itn__from_sun(light, to->d), itn__splat(rim));
+    itn__vectors axis = itn__splat_vector(light->to_sun);
+    return itn__less_equal(itn__vone_minus_cosine(to->d, axis), itn__splat(rim));
 }
 /* A constant light, or a sun. */
 static void itn__constant_radiance(const itn__light *light, int channels, const itn__towards *to,
@@ -2841,7 +2826,6 @@ static void itn__light_radiance(const itn__light *light, int channels, itn_vec3 
     itn__towards to;
     itn__floats all[3];
     to.d = itn__splat_vector(d), to.u = to.v = to.sine = itn__splat(0);
-    to.mask = itn__bits_mask(1);
     if (light->map) itn__map_coordinates(&to);
     itn__light_models[light->kind].radiance(light, channels, &to, all);
     for (int k = 0; k < channels; k++) rgb[k] = ITN__LANE(all[k], 0);
@@ -3027,8 +3011,8 @@ static itn_ray itn__camera_ray(const itn_scene *scene, int x, int y, float u, fl
    coincide, as of water and its glass, there is one boundary: from the index before all of them to
    that behind all. Light that it throws back crosses none, light that goes through crosses all.
 
-   What a caller does: itn__next_hit finds a face, itn__meet_faces tells what that is to light (an
-   event), and then itn__leave_faces changes the place. */
+   itn__next_hit finds a face, itn__meet_faces tells what that is to light (an event), and then
+   itn__leave_faces changes the place. */
 
 enum { ITN__MOST_FACES = 8 }; /* of different solids in one point, and remembered */
 
@@ -3227,9 +3211,8 @@ static itn__event itn__meet_faces(const itn_scene *scene, const float *theta,
     float before_ior = itn__ior(scene, theta, place->refracting);
     itn__sides sides = place->sides;
     itn__event event;
-    int refracts = scene->objects[object].refracts;
     event.object = itn__is_opaque(scene, object) ? object : -1, event.after = place->refracting;
-    event.faces[0] = 2 * hit->triangle + hit->front, event.count = refracts;
+    event.faces[0] = 2 * hit->triangle + hit->front, event.count = scene->objects[object].refracts;
     if (others) itn__gather_faces(scene, place, *ray, hit, others, &event);
     if (!event.count) { /* opaque, or index-matched */
         event.count = 1;
@@ -3248,9 +3231,9 @@ static itn__event itn__meet_faces(const itn_scene *scene, const float *theta,
     return event;
 }
 
-/* A walk leaves the faces of an event at `point`: through all of them, or thrown back, up
-   from a sheet or an opaque face; by a boundary up from a sheet there, or down to it if that threw
-   it here. */
+/* A walk leaves the faces of an event at `point`: through all of them, or thrown back, up from a
+   sheet or an opaque face; by a boundary up from a sheet there, or down to it if that threw it
+   here. */
 static void itn__leave_faces(const itn_scene *scene, itn__place *place, const itn__event *event,
                              itn_vec3 point, int through) {
     int sheets = (scene->sides.front & scene->sides.back) != 0, flush = place->sides.flush > 0;
@@ -3296,10 +3279,9 @@ static void itn__leave_solids(const itn_scene *scene, itn__place *place) {
    never differentiated. In most places f_k / p = 1 and only the score changes.
 
    A factor may be 0 where its derivative is not (albedo 0, black reflectance). Then the score is
-   not defined, but the derivative is: by the product rule it is the factor's own derivative times
-   all other factors. `zero` marks a path that has met one such factor: beta is the product of the
-   others, `score` the derivative of that factor; it adds to derivatives only, and a second zero
-   ends it.
+   not defined, but the derivative is: the factor's own derivative times all other factors. `zero`
+   marks a path that has met one such factor: beta is the product of the others, `score` the
+   derivative of that factor; it adds to derivatives only, and a second zero ends it.
 
    Heroes. Where sigma_t or g differ from channel to channel, flights and turns are drawn with those
    of one channel, the hero: in turn, the first drawn for each pixel (Wilkie et al. 2014). Every
@@ -3320,7 +3302,7 @@ typedef struct itn__weight {
    values, but a path touches few. Each place where it meets the texture asked for becomes a
    parameter of the path, shared by four texels; so is what comes from a direction of a map. What a
    path adds goes to sums as it ends. */
-enum { ITN__TOUCHES = 64, ITN__TOUCH = -2 }; /* most at a time; the first one's parameter */
+enum { ITN__TOUCHES = 64 }; /* most at a time */
 typedef struct itn__touch {
     int at[4];
     float share[4];
@@ -3363,32 +3345,30 @@ ITN__INLINE int itn__slot(const itn__walk *walk, int parameter) {
     return walk->count && parameter >= 0 ? walk->slots[parameter] : -1;
 }
 
-/* The factor g[c] in each channel, which depends on parameter[c] alone, its seed. */
-static void itn__factor_make(const itn__walk *walk, const int parameter[3], const itn__num g[3],
-                             itn__factor *f) {
-    f->count = 0;
-    for (int c = 0; c < itn__channels(walk); c++)
-        itn__add_seed(f, parameter[c], itn__slot(walk, parameter[c])), f->value[c] = g[c].v;
+/* Multiplies a weight in channel c by f / pdf. A walk is alone in its lanes: what counts is the
+   first. */
+static void itn__weigh(const itn__walk *walk, itn__weight *weight, const itn__factor *f, int c,
+                       float pdf) {
+    float *score = weight->score + c * walk->score_count, value = ITN__LANE(f->value[c], 0);
+    int zero = value < FLT_MIN, was = weight->zero[c]; /* or so small that d f / f overflows */
+    int felt = !zero;
+    for (int k = 0; k < f->count; k++) felt |= ITN__LANE(f->slope[k][c], 0) != 0;
+    weight->beta[c] *= felt && !(zero && was) ? (zero ? 1 : value) / pdf : 0;
+    if (was && !zero) return;
+    if (zero && walk->score_count) memset(score, 0, (size_t)walk->score_count * sizeof *score);
     for (int k = 0; k < f->count; k++)
-        for (int c = 0; c < itn__channels(walk); c++)
-            f->slope[k][c] = f->seeds[k] == parameter[c] ? g[c].d : itn__splat(0);
+        score[f->slots[k]] += ITN__LANE(f->slope[k][c], 0) / (zero ? 1 : value);
+    weight->zero[c] |= (unsigned char)zero;
 }
 
-/* Multiplies a weight by f / pdf. A walk is alone in its lanes: what counts is the first. */
-static void itn__weigh(const itn__walk *walk, itn__weight *weight, const itn__factor *f,
-                       float pdf) {
+/* The same by g[c] / pdf in each channel, which depends on parameter[c] alone. */
+static void itn__weigh_each(const itn__walk *walk, itn__weight *weight, const int parameter[3],
+                            const itn__num g[3], float pdf) {
     for (int c = 0; c < itn__channels(walk); c++) {
-        float *score = weight->score + c * walk->score_count, value = ITN__LANE(f->value[c], 0);
-        int zero = value < FLT_MIN, was = weight->zero[c]; /* or so small that d f / f overflows */
-        int felt = !zero;
-        for (int k = 0; k < f->count; k++) felt |= ITN__LANE(f->slope[k][c], 0) != 0;
-        weight->beta[c] *= felt && !(zero && was) ? (zero ? 1 : value) / pdf : 0;
-        if (was && !zero) continue;
-        if (zero && walk->score_count)
-            memset(score, 0, (size_t)walk->score_count * sizeof *score);
-        for (int k = 0; k < f->count; k++)
-            score[f->slots[k]] += ITN__LANE(f->slope[k][c], 0) / (zero ? 1 : value);
-        weight->zero[c] |= (unsigned char)zero;
+        itn__factor f;
+        f.count = 0, f.value[c] = g[c].v, f.slope[0][c] = g[c].d;
+        itn__add_seed(&f, parameter[c], itn__slot(walk, parameter[c]));
+        itn__weigh(walk, weight, &f, c, pdf);
     }
 }
 
@@ -3400,11 +3380,12 @@ static float itn__mixture(const itn__walk *walk, const float pdf[3]) {
     return itn__max(share[0] * pdf[0] + share[1] * pdf[1] + share[2] * pdf[2], FLT_MIN);
 }
 
-/* Makes that choice: multiplies the path's weight by f / density, and learns from it who the hero
+/* Makes that choice: multiplies the path's weight by g / density, and learns from it who the hero
    may be. Returns the density. */
-static float itn__weigh_choice(itn__walk *walk, const itn__factor *f, const float pdf[3]) {
+static float itn__weigh_choice(itn__walk *walk, const int parameter[3], const itn__num g[3],
+                               const float pdf[3]) {
     float density = itn__mixture(walk, pdf);
-    itn__weigh(walk, &walk->weight, f, density);
+    itn__weigh_each(walk, &walk->weight, parameter, g, density);
     for (int k = 0; k < 3 && walk->scene->spectral; k++) walk->share[k] *= pdf[k] / density;
     return density;
 }
@@ -3452,21 +3433,20 @@ static itn__touch itn__touch_of(const itn__corners *corners) {
 /* If the derivative by this texture is asked for, what it is at the corners becomes a parameter, a
    seed of the site's factor f. Of a path that has met it too often, every other place is forgotten,
    by chance, and the scores of the others count twice. */
-static void itn__touch_texture(itn__walk *walk, itn__site *site, const itn__corners *corners,
-                               itn__factor *f) {
+static void itn__touch_texture(itn__walk *walk, const itn__surface *surface,
+                               const itn__corners *corners, itn__factor *f) {
     itn__texels *texels = walk->texels;
-    if (!texels || texels->texture != site->surface) return;
-    int forget = texels->place_count == ITN__TOUCHES, odd = 0, k = texels->place_count++;
-    if (forget) odd = itn__uniform(&walk->rng) < .5f, k = ITN__TOUCHES / 2;
+    if (!texels || texels->texture != surface) return;
+    int forget = texels->place_count == ITN__TOUCHES, odd = 0, k = texels->place_count;
+    if (forget) odd = itn__uniform(&walk->rng) < .5f, k /= 2;
     for (int j = 0; j < k && forget; j++) texels->place[j] = texels->place[2 * j + odd];
     for (int c = 0; c < itn__channels(walk); c++) {
         float *score = walk->weight.score + c * walk->score_count + walk->count;
         for (int j = 0; j < k && forget; j++) score[j] = 2 * score[2 * j + odd];
         score[k] = 0;
     }
-    texels->place[k] = itn__touch_of(corners);
-    texels->place_count = k + 1, site->touch = ITN__TOUCH - k;
-    itn__add_seed(f, site->touch, walk->count + k);
+    texels->place[k] = itn__touch_of(corners), texels->place_count = k + 1;
+    itn__add_seed(f, ITN__TEXEL, walk->count + k);
 }
 
 /* ---- [path] the reference path tracer -------------------------------------------------------- */
@@ -3477,11 +3457,10 @@ static void itn__touch_texture(itn__walk *walk, itn__site *site, const itn__corn
    estimation). Its numbers stand in the first lane of what the models are written in. */
 
 /* Directions, with coordinates on maps where some light has a grid. */
-static itn__towards itn__towards_of(const itn_scene *scene, const itn__vectors *d,
-                                    itn__ints mask) {
+static itn__towards itn__towards_of(const itn_scene *scene, const itn__vectors *d) {
     itn__towards to;
     int grids = 0;
-    to.mask = mask, to.d = *d, to.u = to.v = to.sine = itn__splat(0);
+    to.d = *d, to.u = to.v = to.sine = itn__splat(0);
     for (int i = 0; i < scene->light_count; i++) grids |= scene->lights[i].grid.density != NULL;
     if (grids) itn__map_coordinates(&to);
     return to;
@@ -3501,8 +3480,7 @@ static itn__floats itn__lights_density(const itn_scene *scene, const itn__toward
    its density, 0 where nothing is drawn. */
 static void itn__draw_lights(const itn_scene *scene, const itn__floats u[3], itn__ints mask,
                              itn__towards *to, itn__floats *pdf) {
-    itn__floats choice = u[0], half = itn__splat(.5f);
-    itn__floats v = itn__select(mask, u[1], half), w = itn__select(mask, u[2], half);
+    itn__floats choice = u[0];
     itn__vectors d = itn__splat_vector(itn__vec3(0, 1, 0));
     itn__ints rest = mask;
     for (int i = 0; i <= scene->last_sampled; i++) { /* the last takes what rounding leaves */
@@ -3511,9 +3489,9 @@ static void itn__draw_lights(const itn_scene *scene, const itn__floats u[3], itn
         if (i < scene->last_sampled) chosen &= itn__less(choice, itn__splat(light->share));
         choice -= light->share, rest &= ~chosen;
         if (light->share > 0 && itn__mask_bits(chosen))
-            d = itn__vselect(chosen, itn__light_models[light->kind].sample(light, v, w), d);
+            d = itn__vselect(chosen, itn__light_models[light->kind].sample(light, u[1], u[2]), d);
     }
-    *to = itn__towards_of(scene, &d, mask);
+    *to = itn__towards_of(scene, &d);
     *pdf = itn__select(mask, itn__lights_density(scene, to), itn__splat(0));
 }
 
@@ -3541,11 +3519,6 @@ static void itn__add_light(itn__walk *walk, const itn__weight *weight, int c, fl
         itn__add_texels(walk->texels, c, &walk->texels->place[k], value * score[walk->count + k]);
 }
 
-/* What the film makes of radiance in a channel. */
-ITN__INLINE float itn__exposure(const itn_scene *scene, const float *theta, int c) {
-    return theta[scene->camera.exposure[c]];
-}
-
 /* Adds beta l e: l is the radiance of the lights in a direction, of those that are sampled times
    `sampled`, of others times `others`; e is the exposure. */
 static void itn__contribute(itn__walk *walk, const itn__weight *weight, const itn__towards *to,
@@ -3563,7 +3536,7 @@ static void itn__contribute(itn__walk *walk, const itn__weight *weight, const it
             touch = itn__touch_of(&corners);
         }
         for (int c = 0; c < itn__channels(walk); c++) {
-            float carried = weight->beta[c] * mis * itn__exposure(walk->scene, walk->theta, c);
+            float carried = weight->beta[c] * mis * walk->theta[walk->scene->camera.exposure[c]];
             itn__add_light(walk, weight, c, carried * ITN__LANE(rgb[c], 0), light->parameter);
             if (of_map && !weight->zero[c])
                 itn__add_texels(walk->texels, c, &touch, carried * walk->theta[light->parameter]);
@@ -3575,9 +3548,8 @@ static void itn__contribute(itn__walk *walk, const itn__weight *weight, const it
    collided. Of one that was drawn, at rate[c] by channel c, divides by the density of that. */
 static void itn__weigh_flight(itn__walk *walk, itn__weight *weight, const itn__medium *medium,
                               const float *rate, float t, int collided) {
-    itn__factor f;
     itn__num g[3];
-    float pdf[3] = {1, 1, 1};
+    float pdf[3];
     if (rate && !walk->scene->spectral && rate[0] == walk->theta[medium->sigma_t[0]] &&
         itn__slot(walk, medium->sigma_t[0]) < 0)
         return; /* f = pdf */
@@ -3588,9 +3560,8 @@ static void itn__weigh_flight(itn__walk *walk, itn__weight *weight, const itn__m
         if (collided) g[c] = itn__nmul(g[c], sigma_t);
         if (rate) pdf[c] = expf(-rate[c] * t) * (collided ? rate[c] : 1);
     }
-    itn__factor_make(walk, medium->sigma_t, g, &f);
-    if (rate) itn__weigh_choice(walk, &f, pdf);
-    else itn__weigh(walk, weight, &f, 1);
+    if (rate) itn__weigh_choice(walk, medium->sigma_t, g, pdf);
+    else itn__weigh_each(walk, weight, medium->sigma_t, g, 1);
 }
 
 /* Carries the connection from `ray` to the lights: transmittance through media and index-matched
@@ -3613,32 +3584,29 @@ static int itn__connect_visible(itn__walk *walk, itn_ray ray) {
     }
 }
 
-/* Draws a direction to a light. Returns its density, 0 where there is none. */
-static float itn__draw_light(itn__walk *walk, itn__towards *to) {
+/* Begins a connection: draws a direction to a light and takes over the weight of the path. Returns
+   the direction's density, 0 where there is none. */
+static float itn__connection_begin(itn__walk *walk, itn__towards *to) {
+    size_t scores = (size_t)(walk->channels * walk->score_count);
+    float *score = walk->connection.score;
     itn__floats u[3], pdf;
     if (walk->scene->last_sampled < 0) return 0;
     for (int k = 0; k < 3; k++) u[k] = itn__splat(itn__uniform(&walk->rng));
     itn__draw_lights(walk->scene, u, itn__bits_mask(1), to, &pdf);
+    walk->connection = walk->weight, walk->connection.score = score;
+    memcpy(score, walk->weight.score, scores * sizeof *score);
     return ITN__LANE(pdf, 0);
 }
 
-/* Sends a shadow ray there; its weight is the path's times the vertex's f over light_pdf. `pdf` is
-   the density with which the vertex itself would draw the direction. If the vertex is at a surface,
-   `event` is what it meets there, and `through` whether the direction goes through it. */
+/* Sends a shadow ray there, with the connection's weight and `mis`. If it is from a surface, event
+   is what the path meets there, and `through` whether the ray goes through it. */
 static void itn__connect(itn__walk *walk, itn_vec3 origin, const itn__towards *to,
-                         const itn__event *event, int through, const itn__factor *f, float pdf,
-                         float light_pdf) {
+                         const itn__event *event, int through, float mis) {
     itn__place place = walk->place;
-    float *score = walk->connection.score;
     itn_ray ray;
-    walk->connection = walk->weight, walk->connection.score = score;
-    memcpy(score, walk->weight.score,
-           (size_t)(walk->channels * walk->score_count) * sizeof *score);
-    itn__weigh(walk, &walk->connection, f, light_pdf);
     if (event) itn__leave_faces(walk->scene, &walk->place, event, origin, through);
     ray.origin = origin, ray.direction = itn__lane_vector(&to->d, 0);
-    if (itn__connect_visible(walk, ray))
-        itn__contribute(walk, &walk->connection, to, light_pdf / (light_pdf + pdf), 0);
+    if (itn__connect_visible(walk, ray)) itn__contribute(walk, &walk->connection, to, mis, 0);
     walk->place = place;
 }
 
@@ -3646,12 +3614,12 @@ static void itn__connect(itn__walk *walk, itn_vec3 origin, const itn__towards *t
    sampled light by chance; or the background if this is its first step. */
 static void itn__escape(itn__walk *walk, itn_vec3 direction) {
     itn__vectors d = itn__splat_vector(direction);
-    itn__towards to = itn__towards_of(walk->scene, &d, itn__bits_mask(1));
+    itn__towards to = itn__towards_of(walk->scene, &d);
     int background = walk->scene->camera.background;
     float mis = 1;
     if (walk->steps == 1 && background >= 0) {
         for (int c = 0; c < itn__channels(walk); c++)
-            itn__add_light(walk, &walk->weight, c, itn__exposure(walk->scene, walk->theta, c),
+            itn__add_light(walk, &walk->weight, c, walk->theta[walk->scene->camera.exposure[c]],
                            background + c);
         return;
     }
@@ -3677,16 +3645,14 @@ static void itn__collision_rates(const itn__walk *walk, const itn__medium *mediu
     }
 }
 
-/* Phase function of each channel for the angle with 1 - cosine x and 1 + cosine y: as a factor, and
-   as the density with which each channel draws it. */
-static void itn__phase_factor(const itn__walk *walk, const itn__medium *medium, itn__floats x,
-                              itn__floats y, itn__factor *f, float pdf[3]) {
-    itn__num g[3];
+/* Phase function of each channel for the angle with 1 - cosine x and 1 + cosine y, and the density
+   with which that channel draws it. */
+static void itn__phase(const itn__walk *walk, const itn__medium *medium, itn__floats x,
+                       itn__floats y, itn__num p[3], float pdf[3]) {
     for (int c = 0; c < itn__channels(walk); c++) {
-        g[c] = itn__hg(itn__variable(itn__splat(walk->theta[medium->g[c]])), x, y);
-        pdf[c] = ITN__LANE(g[c].v, 0);
+        p[c] = itn__hg(itn__variable(itn__splat(walk->theta[medium->g[c]])), x, y);
+        pdf[c] = ITN__LANE(p[c].v, 0);
     }
-    itn__factor_make(walk, medium->g, g, f);
 }
 
 /* A collision at the origin of the ray: the albedo, a shadow ray, then a new direction. */
@@ -3696,27 +3662,27 @@ static void itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ra
     itn__vectors d = itn__splat_vector(ray->direction);
     itn__towards to;
     itn__floats x, y;
-    itn__factor f;
-    itn__num g[3];
+    itn__num p[3];
     walk->collisions++, walk->scatterings++;
     for (int c = 0; c < itn__channels(walk); c++) {
         albedo[c] = medium->albedo + c;
-        g[c] = itn__variable(itn__splat(walk->theta[albedo[c]]));
+        p[c] = itn__variable(itn__splat(walk->theta[albedo[c]]));
     }
-    itn__factor_make(walk, albedo, g, &f);
-    itn__weigh(walk, &walk->weight, &f, 1);
-    float light_pdf = itn__draw_light(walk, &to);
+    itn__weigh_each(walk, &walk->weight, albedo, p, 1);
+    float light_pdf = itn__connection_begin(walk, &to);
     if (light_pdf > 0 && itn__is_lit(walk->scene, walk->theta, walk->place.refracting)) {
         x = itn__vone_minus_cosine(d, to.d);
         y = itn__vone_minus_cosine(d, itn__vscale(to.d, itn__splat(-1)));
-        itn__phase_factor(walk, medium, x, y, &f, pdf);
-        itn__connect(walk, ray->origin, &to, NULL, 0, &f, itn__mixture(walk, pdf), light_pdf);
+        itn__phase(walk, medium, x, y, p, pdf);
+        itn__weigh_each(walk, &walk->connection, medium->g, p, light_pdf);
+        itn__connect(walk, ray->origin, &to, NULL, 0,
+                     light_pdf / (light_pdf + itn__mixture(walk, pdf)));
     }
     itn__floats u = itn__splat(itn__uniform(&walk->rng)), v = itn__splat(itn__uniform(&walk->rng));
     d = itn__sample_hg(d, itn__splat(turn), u, v, &x, &y);
     ray->direction = itn__lane_vector(&d, 0);
-    itn__phase_factor(walk, medium, x, y, &f, pdf);
-    walk->pdf = itn__weigh_choice(walk, &f, pdf);
+    itn__phase(walk, medium, x, y, p, pdf);
+    walk->pdf = itn__weigh_choice(walk, medium->g, p, pdf);
 }
 
 /* The site of a path on a surface with normal n, and what its slopes are by. */
@@ -3737,7 +3703,7 @@ static void itn__site_begin(itn__walk *walk, const itn_ray *ray, const itn_hit *
     if (surface->texture == ITN_TEXTURE_NONE) return;
     itn__texture_place(scene, object, hit, ray->origin, &x, &y);
     itn__corners corners = itn__site_texture(site, itn__splat(x), itn__splat(y));
-    itn__touch_texture(walk, site, &corners, f);
+    itn__touch_texture(walk, surface, &corners, f);
 }
 
 /* Where a derivative by an index is asked for, chance chooses paths for the edge of directions
@@ -3751,48 +3717,44 @@ static void itn__choose_edge(itn__walk *walk, itn__site *site) {
         walk->weight.beta[c] /= site->edge ? chance : 1 - chance;
 }
 
-/* A surface that light feels, with normal n towards the walk: a shadow ray, then a new direction.
-   Returns 0 at the end of the path. */
-static int itn__scatter_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit,
-                                const itn__event *event, itn_vec3 n) {
+/* The ray has met a surface: goes through, if light does not feel it; else a shadow ray, then a new
+   direction. Returns 0 at the end of the path. */
+static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) {
+    const itn_scene *scene = walk->scene;
+    itn__event event = itn__meet_faces(scene, walk->theta, &walk->place, ray, hit);
     itn__site site;
     itn__factor f;
     itn__towards to;
     itn__vectors d;
     itn__floats u[3], pdf;
     itn__ints through;
-    itn__site_begin(walk, ray, hit, event, n, &site, &f);
-    float light_pdf = site.smooth ? 0 : itn__draw_light(walk, &to);
+    itn_vec3 n;
+    if (!itn__hit_normal(scene->bvh, hit, ray->direction, &n)) return 0;
+    if (event.object < 0) {
+        ray->origin = itn__passed_point(scene->bvh, ray->origin, ray->direction, hit);
+        itn__leave_faces(scene, &walk->place, &event, ray->origin, 1);
+        return 1;
+    }
+    ray->origin = itn__hit_point(scene->bvh, hit);
+    itn__site_begin(walk, ray, hit, &event, n, &site, &f);
+    float light_pdf = site.smooth ? 0 : itn__connection_begin(walk, &to);
     if (light_pdf > 0) {
         itn__bsdf_eval(&site, &to.d, &f, &pdf, &through);
-        int within = ITN__LANE(through, 0) ? event->after : walk->place.refracting;
-        if (ITN__LANE(pdf, 0) > 0 && itn__is_lit(walk->scene, walk->theta, within))
-            itn__connect(walk, ray->origin, &to, event, ITN__LANE(through, 0), &f,
-                         ITN__LANE(pdf, 0), light_pdf);
+        int within = ITN__LANE(through, 0) ? event.after : walk->place.refracting;
+        for (int c = 0; c < itn__channels(walk); c++)
+            itn__weigh(walk, &walk->connection, &f, c, light_pdf);
+        if (ITN__LANE(pdf, 0) > 0 && itn__is_lit(scene, walk->theta, within))
+            itn__connect(walk, ray->origin, &to, &event, ITN__LANE(through, 0),
+                         light_pdf / (light_pdf + ITN__LANE(pdf, 0)));
     }
     itn__choose_edge(walk, &site);
     for (int k = 0; k < 3; k++) u[k] = itn__splat(itn__uniform(&walk->rng));
     itn__ints good = itn__bsdf_sample(&site, u, &d, &f, &pdf, &through);
     if (!ITN__LANE(good, 0)) return 0;
-    itn__weigh(walk, &walk->weight, &f, 1);
+    for (int c = 0; c < itn__channels(walk); c++) itn__weigh(walk, &walk->weight, &f, c, 1);
     walk->pdf = site.edge ? INFINITY : ITN__LANE(pdf, 0);
-    itn__leave_faces(walk->scene, &walk->place, event, ray->origin, ITN__LANE(through, 0));
+    itn__leave_faces(scene, &walk->place, &event, ray->origin, ITN__LANE(through, 0));
     ray->direction = itn__normalize(itn__lane_vector(&d, 0));
-    return 1;
-}
-
-/* The ray has met a surface. Returns 0 at the end of the path. */
-static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) {
-    const itn_scene *scene = walk->scene;
-    itn__event event = itn__meet_faces(scene, walk->theta, &walk->place, ray, hit);
-    itn_vec3 n, origin = ray->origin;
-    if (!itn__hit_normal(scene->bvh, hit, ray->direction, &n)) return 0;
-    if (event.object >= 0) {
-        ray->origin = itn__hit_point(scene->bvh, hit);
-        return itn__scatter_surface(walk, ray, hit, &event, n);
-    }
-    ray->origin = itn__passed_point(scene->bvh, origin, ray->direction, hit);
-    itn__leave_faces(scene, &walk->place, &event, ray->origin, 1);
     return 1;
 }
 
@@ -3800,37 +3762,30 @@ static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) 
    and then counts as .4. A factor near 0 is not in the derivative by itself: so that roulette does
    not end what that derivative lives on, there is none in the first steps if one is asked for.
    Light that is trapped without loss has to end some day, too: in a medium after half a million
-   collisions, where next to nothing scatters after ten thousand reflections, total ones in clear
-   glass or those of white walls. From n_0 random numbers on, a path lives to draw n with a chance
-   of about (n_0 / n)^1.5: so slowly does its weight grow that the variance tells what is brought
-   home after that. */
+   collisions, elsewhere after ten thousand reflections. From n_0 random numbers on, a path lives to
+   draw n with a chance of about (n_0 / n)^1.5: so slowly does its weight grow that the variance
+   tells what is brought home after that. */
 #define ITN__ROULETTE .4f
 #define ITN__SAME_WEIGHT .9999f /* a weight that roulette has raised may round to a little less */
 #define ITN__MANY_DRAWS 3000000u
 #define ITN__MANY_DRAWS_CLEAR 30000u
 #define ITN__LATE_LOSS 6.f /* of a path that has drawn n numbers, at each step: about 4 of them */
 
-/* How many are many in a medium; it counts as clear where light, trapped, makes more than ten
-   thousand reflections for a scattering. */
+/* How many are many in a medium, or outside (sigma_t 0); it counts as clear where light, trapped,
+   makes more than ten thousand reflections for a scattering. */
 ITN__INLINE uint32_t itn__many_draws_in(const itn_scene *scene, float sigma_t) {
     return sigma_t * scene->radius < 1e-5f ? ITN__MANY_DRAWS_CLEAR : ITN__MANY_DRAWS;
 }
 
 static int itn__roulette(itn__walk *walk) {
-    const itn_scene *scene = walk->scene;
-    const itn__medium *medium = itn__medium_of(scene, walk->place.inside);
-    float largest = 0, survival = 1, sigma_t = 0;
+    const itn__medium *medium = itn__medium_of(walk->scene, walk->place.inside);
+    float sigma_t = medium ? walk->theta[medium->sigma_t[walk->place.hero]] : 0;
+    float largest = 0, survival = 1;
     for (int c = 0; c < itn__channels(walk); c++) largest = itn__max(largest, walk->weight.beta[c]);
     if (walk->steps++ >= walk->sheltered && !(largest >= ITN__ROULETTE * ITN__SAME_WEIGHT))
         survival = largest / ITN__ROULETTE;
-    if (walk->rng.dimension > ITN__MANY_DRAWS_CLEAR) {
-        if (medium) sigma_t = walk->theta[medium->sigma_t[walk->place.hero]];
-        else if (walk->place.refracting < 0) /* outside of all, it may have come from any medium */
-            for (int k = 0; k < 3 * scene->medium_count; k++)
-                sigma_t = itn__max(sigma_t, walk->theta[scene->media[k / 3].sigma_t[k % 3]]);
-        if (walk->rng.dimension > itn__many_draws_in(scene, sigma_t))
-            survival *= 1 - ITN__LATE_LOSS / (float)walk->rng.dimension;
-    }
+    if (walk->rng.dimension > itn__many_draws_in(walk->scene, sigma_t))
+        survival *= 1 - ITN__LATE_LOSS / (float)walk->rng.dimension;
     if (survival >= 1) return 1;
     if (!(itn__uniform(&walk->rng) < survival)) return 0;
     for (int c = 0; c < itn__channels(walk); c++) walk->weight.beta[c] /= survival;
@@ -3840,7 +3795,6 @@ static int itn__roulette(itn__walk *walk) {
 /* Begins one sample of one pixel; returns its camera ray. */
 static itn_ray itn__begin_path(itn__walk *walk, uint64_t seed, int x, int y, int sample) {
     const itn_scene *scene = walk->scene;
-    size_t scores = (size_t)walk->channels * sizeof(float);
     uint64_t pixel = (uint64_t)y * (uint64_t)scene->film.width + (uint64_t)x;
     itn__rng own = itn__rng_make(seed, pixel, UINT64_MAX); /* of the pixel */
     walk->rng = itn__rng_make(seed, pixel, (uint64_t)sample);
@@ -3848,16 +3802,15 @@ static itn_ray itn__begin_path(itn__walk *walk, uint64_t seed, int x, int y, int
     itn__settle(scene, &walk->place);
     walk->place.crossed_count = 0;
     walk->place.hero = scene->spectral ? (int)((own.key0 % 3 + (uint32_t)sample) % 3) : 0;
-    for (int c = 0; c < 3; c++) {
+    for (int c = 0; c < walk->channels; c++) {
+        float *score = walk->weight.score + c * walk->score_count;
+        int exposure = scene->camera.exposure[c], slot = itn__slot(walk, exposure);
         walk->weight.beta[c] = 1, walk->weight.zero[c] = 0, walk->radiance[c] = 0;
         walk->share[c] = 1 / 3.f;
+        for (int k = 0; k < walk->score_count; k++) score[k] = 0;
+        for (int k = 0; k < walk->count; k++) walk->derivative[k * walk->channels + c] = 0;
+        if (slot >= 0) score[slot] = 1 / walk->theta[exposure];
     }
-    memset(walk->weight.score, 0, scores * (size_t)walk->score_count);
-    for (int c = 0; c < walk->channels; c++) {
-        int exposure = scene->camera.exposure[c], slot = itn__slot(walk, exposure);
-        if (slot >= 0) walk->weight.score[c * walk->score_count + slot] = 1 / walk->theta[exposure];
-    }
-    memset(walk->derivative, 0, scores * (size_t)walk->count);
     if (walk->texels) walk->texels->place_count = 0;
     walk->pdf = INFINITY, walk->steps = walk->scatterings = walk->boundaries = 0;
     float u = itn__uniform(&walk->rng), v = itn__uniform(&walk->rng);
@@ -3883,15 +3836,16 @@ static void itn__sample_pixel(itn__walk *walk, uint64_t seed, int x, int y, int 
         if (medium)
             itn__weigh_flight(walk, &walk->weight, medium, rates, met ? hit.t : ray.tmax,
                               !met && collides);
-        if (met && !itn__meet_surface(walk, &ray, &hit)) return;
-        if (!met && !medium) {
+        if (met) {
+            if (!itn__meet_surface(walk, &ray, &hit)) return;
+        } else if (!medium) {
             itn__escape(walk, ray.direction);
             return;
+        } else {
+            ray.origin = itn__along(ray.origin, ray.tmax, ray.direction);
+            if (collides) itn__scatter(walk, medium, &ray);
+            else itn__leave_solids(walk->scene, &walk->place); /* by a hole of the mesh */
         }
-        if (met) continue;
-        ray.origin = itn__along(ray.origin, ray.tmax, ray.direction);
-        if (collides) itn__scatter(walk, medium, &ray);
-        else itn__leave_solids(walk->scene, &walk->place); /* by a hole of the mesh */
     }
 }
 
@@ -6076,7 +6030,7 @@ ITN__NOINLINE itn__floats itn__draw(const itn__crowd *crowd, itn__state *s, itn_
 static void itn__bring(itn__crowd *crowd, const itn__path *path, int k, int c, float value) {
     const itn__render *render = crowd->render;
     float *planes = crowd->radiance + (size_t)path->owner->number * (size_t)render->planes;
-    value *= itn__exposure(render->scene, render->theta, c);
+    value *= render->theta[render->scene->camera.exposure[c]];
     planes[render->channels * (1 + k) + c] += value;
 }
 
@@ -6694,8 +6648,8 @@ ITN__NOINLINE void itn__trace_shadows(itn__crowd *crowd) {
     }
 }
 
-/* Radiance in the film's channels, scaled by theta, 0 outside the mask: of all lights that are
-   sampled, and of the others. */
+/* Radiance in the film's channels, scaled by theta: of all lights that are sampled, and of the
+   others. */
 static void itn__sum_radiance(const itn_scene *scene, const float *theta, const itn__towards *to,
                               itn__floats sampled[3], itn__floats plain[3]) {
     int channels = scene->film.channels;
@@ -6704,15 +6658,14 @@ static void itn__sum_radiance(const itn_scene *scene, const float *theta, const 
         const itn__light *light = &scene->lights[i];
         itn__floats rgb[3], *sum = light->share > 0 ? sampled : plain;
         itn__light_models[light->kind].radiance(light, channels, to, rgb);
-        for (int k = 0; k < channels; k++)
-            sum[k] += itn__select(to->mask, theta[light->parameter] * rgb[k], itn__splat(0));
+        for (int k = 0; k < channels; k++) sum[k] += theta[light->parameter] * rgb[k];
     }
 }
 /* The same of directions; returns the density with which they would be drawn. */
 ITN__NOINLINE itn__floats itn__meet_lights(const itn_scene *scene, const float *theta,
-                                           const itn__vectors *d, itn__ints mask,
-                                           itn__floats sampled[3], itn__floats plain[3]) {
-    itn__towards to = itn__towards_of(scene, d, mask);
+                                           const itn__vectors *d, itn__floats sampled[3],
+                                           itn__floats plain[3]) {
+    itn__towards to = itn__towards_of(scene, d);
     itn__sum_radiance(scene, theta, &to, sampled, plain);
     return itn__lights_density(scene, &to);
 }
@@ -6782,8 +6735,6 @@ static itn__ints itn__roulette_lanes(const itn__crowd *crowd, int substance, itn
     float sigma_t = render->substances[substance].sigma_t;
     itn__floats largest = s->beta[0], survival = itn__splat(1);
     itn__floats level = itn__splat(render->roulette);
-    for (int c = 1; !substance && c <= render->scene->medium_count; c++) /* it may come from any */
-        sigma_t = itn__max(sigma_t, render->substances[c].sigma_t);
     itn__ints late =
         itn__int_less(itn__splat_int(itn__many_draws_in(render->scene, sigma_t)), s->dimension);
     for (int c = 1; c < render->channels; c++) largest = itn__most(largest, s->beta[c]);
@@ -7154,7 +7105,7 @@ static void itn__sky_lanes(itn__crowd *crowd, int number, itn__state *s, itn__in
     for (int c = 0; c < 3; c++)
         plain[c] = itn__splat(render->constant[c]), sampled[c] = itn__splat(0);
     if (!render->only_constant) {
-        mis = s->pdf / (s->pdf + itn__meet_lights(render->scene, render->theta, &s->d, mask,
+        mis = s->pdf / (s->pdf + itn__meet_lights(render->scene, render->theta, &s->d,
                                                   sampled, plain));
         mis = itn__select(itn__less(s->pdf, itn__splat(INFINITY)), mis, itn__splat(1));
     }
@@ -11847,7 +11798,7 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
                   T. Ize, Robust BVH Ray Traversal, JCGT 2013
      medium       L. Henyey, J. Greenstein, Diffuse Radiation in the Galaxy, ApJ 1941
      surface      B. Walter et al., Microfacet Models for Refraction through Rough Surfaces, 2007;
-                  E. Heitz, Sampling the GGX Distribution of Visible Normals, JCGT 2018
+                  J. Dupuy, A. Benyoub, Sampling Visible GGX Normals with Spherical Caps, HPG 2023
      light        L. Hosek, A. Wilkie, An Analytic Model for Full Spectral Sky-Dome Radiance, 2012
      throughput   E. Veach, Robust Monte Carlo Methods for Light Transport Simulation, 1997;
                   A. Wilkie et al., Hero Wavelength Spectral Sampling, EGSR 2014

@@ -80,12 +80,16 @@ static inline int one_sample_dielectric(itn_vec3 i, itn_vec3 m, float eta, float
     return one_mask(good);
 }
 static inline itn_vec3 one_sample_cosine(float u, float v) {
-    return one_vector(itn__sample_cosine(one_lanes(u), one_lanes(v)));
+    itn__floats lanes[3];
+    itn__vectors o;
+    lanes[0] = one_lanes(u), lanes[1] = one_lanes(v), lanes[2] = one_lanes(0);
+    itn__bsdfs[ITN_SURFACE_DIFFUSE].sample(NULL, lanes, &o);
+    return one_vector(o);
 }
 
 static inline itn__towards one_towards(itn_vec3 d) {
     itn__towards to;
-    to.d = one_vectors(d), to.mask = itn__splat_int(-1);
+    to.d = one_vectors(d);
     itn__map_coordinates(&to);
     return to;
 }

@@ -135,7 +135,6 @@ static void check_map(int width, int height, int kind, double largest_spread, do
                         ITN__LANE(x, l) = (float)u[l];
                     }
                     to.d = itn__map_directions(x, itn__splat((float)v));
-                    to.mask = itn__splat_int(-1);
                     itn__map_coordinates(&to);
                     model->radiance(light, 3, &to, rgb), pdf = model->pdf(light, &to);
                     for (l = 0; l < ITN__LANES; l++) {
@@ -151,7 +150,6 @@ static void check_map(int width, int height, int kind, double largest_spread, do
         for (l = 0; l < ITN__LANES; l++)
             ITN__LANE(x, l) = itn__uniform(&rng), ITN__LANE(y, l) = itn__uniform(&rng);
         to.d = model->sample(light, x, y);
-        to.mask = itn__splat_int(-1);
         itn__map_coordinates(&to);
         model->radiance(light, 3, &to, rgb), pdf = model->pdf(light, &to);
         for (l = 0; l < ITN__LANES; l++) {

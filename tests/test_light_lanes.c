@@ -151,20 +151,17 @@ static void check_drawn(const itn_scene *scene, float factor) {
     for (k = 0; k < COUNT && !bad; k += ITN__LANES) {
         itn__vectors directions;
         itn__floats sampled[3], plain[3];
-        itn__ints mask = itn__bits_mask(test_bits(k));
         for (j = 0; j < ITN__LANES; j++) {
             itn_vec3 one = test_direction(scene, k + j);
             d[0][j] = one.x, d[1][j] = one.y, d[2][j] = one.z;
         }
         directions = itn__vectors_of(itn__load(d[0]), itn__load(d[1]), itn__load(d[2]));
-        itn__store(got[6], factor * itn__meet_lights(scene, theta, &directions, mask, sampled,
-                                                     plain));
+        itn__store(got[6], factor * itn__meet_lights(scene, theta, &directions, sampled, plain));
         for (c = 0; c < 3; c++) itn__store(got[c], sampled[c]), itn__store(got[3 + c], plain[c]);
         for (j = 0; j < ITN__LANES; j++) {
             itn_vec3 one = itn__vec3(d[0][j], d[1][j], d[2][j]);
             float expected[6] = {0, 0, 0, 0, 0, 0}, pdf = scalar_lights_pdf(scene, one);
-            int on = (int)((itn__mask_bits(mask) >> j) & 1);
-            for (i = 0; i < scene->light_count && on; i++) {
+            for (i = 0; i < scene->light_count; i++) {
                 const itn__light *light = &scene->lights[i];
                 float rgb[3];
                 scalar_scene_radiance(scene, light, one, rgb);
@@ -172,7 +169,7 @@ static void check_drawn(const itn_scene *scene, float factor) {
                     expected[c + (light->share > 0 ? 0 : 3)] += theta[light->parameter] * rgb[c];
             }
             if (on_edge(scene, one)) continue;
-            bad += on && !agree(got[6][j], pdf, 1e-5 * pdf + density_slack(loose, one));
+            bad += !agree(got[6][j], pdf, 1e-5 * pdf + density_slack(loose, one));
             for (c = 0; c < 6; c++)
                 bad += !agree(got[c][j], expected[c], 1e-5 * expected[c] + loose.radiance);
             if (bad)
@@ -265,7 +262,7 @@ static void check_integral(const itn_scene *scene, double factor) {
                 d[0][j] = one.x, d[1][j] = one.y, d[2][j] = one.z;
             }
             directions = itn__vectors_of(itn__load(d[0]), itn__load(d[1]), itn__load(d[2]));
-            to = itn__towards_of(scene, &directions, itn__splat_int(-1));
+            to = itn__towards_of(scene, &directions);
             itn__store(pdf, itn__lights_density(scene, &to));
             for (j = 0; j < ITN__LANES; j++) {
                 itn_vec3 one = itn__vec3(d[0][j], d[1][j], d[2][j]);
