@@ -954,7 +954,7 @@ static double check_variance(int which, itn_sampler sampler, int walks, int spp,
     itn_scene *scene;
     itn_render_options options = ITN_ZERO;
     double sums[MOST_BLOCKS] = {0}, squares[MOST_BLOCKS] = {0}, means[MOST_BLOCKS];
-    double variances[MOST_BLOCKS], stated = 0, found = 0, spread = 0;
+    double variances[MOST_BLOCKS], told[MOST_BLOCKS] = {0}, stated = 0, found = 0, spread = 0;
     int blocks = 0, seed, k;
     context.threads = 1; /* each render is small */
     scene = make_scene(which, &context);
@@ -966,13 +966,14 @@ static double check_variance(int which, itn_sampler sampler, int walks, int spp,
         blocks = block_means(&image, means, variances);
         for (k = 0; k < blocks; k++) {
             sums[k] += means[k], squares[k] += means[k] * means[k];
-            stated += planted * variances[k] / SEEDS;
+            told[k] += planted * variances[k] / SEEDS;
         }
         itn_image_free(&image);
     }
     for (k = 0; k < blocks; k++) {
         double variance = (squares[k] - sums[k] * sums[k] / SEEDS) / (SEEDS - 1);
-        found += variance, spread += 2 * variance * variance / (SEEDS - 1);
+        found += variance, stated += told[k];
+        spread += 2 * told[k] * told[k] / (SEEDS - 1); /* of a variance, if the told one is true */
     }
     if (verbose && !check_quiet)
         printf("%-24s %s %d walks: stated %.4g, found %.4g +- %.2g\n", kind_names[which],
