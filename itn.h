@@ -10269,23 +10269,6 @@ static void itn__exr_channel_list(itn__text *text, itn__exr *exr) {
     }
 }
 
-/* Decompresses a block of `size` bytes to behind these. Run lengths are a count n < 128, and then a
-   byte for n + 1, or (others) 256 - n bytes. */
-static void itn__exr_unpack(const itn__exr *exr, itn__text *in, unsigned char *coded, size_t size) {
-    int runs = exr->compression == ITN__EXR_RLE;
-    if (!runs) itn__zlib_decode(in, coded, size);
-    for (size_t made = 0, length; runs && made < size && !in->result; made += length) {
-        size_t n = itn__take_number(in, 1, 0);
-        length = n < 128 ? n + 1 : 256 - n;
-        const unsigned char *run = itn__take_bytes(in, n < 128 ? 1 : length);
-        if (length > size - made) ITN__DAMAGED(in, "more data than expected");
-        for (size_t k = 0; k < length && !in->result; k++) coded[made + k] = run[n < 128 ? 0 : k];
-    }
-    for (size_t i = 1; i < size; i++) /* adds the differences up, and interleaves the halves */
-        coded[i] = (unsigned char)((coded[i - 1] + coded[i] - 128) & 255);
-    for (size_t i = 0; i < size; i++) coded[size + i] = coded[i / 2 + (i & 1 ? (size + 1) / 2 : 0)];
-}
-
 /* The float equal to a half (1 sign, 5 exponent, 10 mantissa bits; bias 15, a float's is 127). */
 static float itn__half_to_float(uint32_t bits) {
     uint32_t size = (bits & 0x7fff) << 13; /* from exponent 31 on infinity or NaN */
@@ -10294,22 +10277,36 @@ static float itn__half_to_float(uint32_t bits) {
     return bits & 0x8000 ? -value : value;
 }
 
-/* Reads one block, and spreads its lines over the image's planes. */
+/* Reads one block, and spreads its lines over the image's planes. Run lengths are a count n < 128,
+   and then a byte for n + 1, or (others) 256 - n bytes. */
 static void itn__exr_block(itn__text *text, itn__exr *exr, itn_image *image) {
     itn__text in = *text;
     const int64_t *data = exr->data, *shown = exr->display;
     int64_t y = (int32_t)itn__take_u32(text), row = y - data[1];
     int64_t end = y + exr->lines <= data[3] ? y + exr->lines : data[3] + 1;
     size_t size = itn__take_u32(text), raw = exr->line * (size_t)(end - y);
-    const unsigned char *at = exr->scratch + raw;
+    int method = size < raw ? exr->compression : ITN__EXR_NONE;
+    unsigned char *coded = exr->scratch, *plain = coded + raw;
+    const unsigned char *at = NULL;
     if (row < 0 || y >= end || row % exr->lines || exr->seen[row / exr->lines]++)
         text->at = in.at, ITN__DAMAGED(text, "is none, or is there twice");
     if (text->result) return;
     in = itn__take_part(text, size);
-    if (exr->compression == ITN__EXR_NONE || size >= raw) at = itn__take_bytes(&in, raw);
-    else itn__exr_unpack(exr, &in, exr->scratch, raw);
+    if (method == ITN__EXR_NONE) at = itn__take_bytes(&in, raw);
+    else if (method > ITN__EXR_RLE) itn__zlib_decode(&in, coded, raw);
+    for (size_t made = 0, n, length; method == ITN__EXR_RLE && made < raw; made += length) {
+        n = itn__take_number(&in, 1, 0), length = n < 128 ? n + 1 : 256 - n;
+        at = itn__take_bytes(&in, n < 128 ? 1 : length);
+        if (length > raw - made) ITN__DAMAGED(&in, "more data than expected");
+        for (size_t k = 0; k < length && !in.result; k++) coded[made + k] = at[n < 128 ? 0 : k];
+    }
     if (in.at < in.end) ITN__DAMAGED(&in, "more data than expected");
     text->result = in.result;
+    for (size_t i = 1; i < raw && method; i++) /* adds the differences up; interleaves the halves */
+        coded[i] = (unsigned char)((coded[i - 1] + coded[i] - 128) & 255);
+    for (size_t i = 0; i < raw && method; i++)
+        plain[i] = coded[i / 2 + (i & 1 ? (raw + 1) / 2 : 0)];
+    if (method) at = plain;
     for (; y < end && !in.result; y++)
         for (int i = 0; i < exr->channels; i++) {
             unsigned type = exr->types[i], bytes = type == ITN__EXR_HALF ? 2 : 4;
@@ -10417,7 +10414,7 @@ enum { ITN__IHDR = 0x49484452, ITN__PLTE = 0x504c5445, ITN__IDAT = 0x49444154 };
 enum { ITN__IEND = 0x49454e44, ITN__TRNS = 0x74524e53, ITN__GAMA = 0x67414d41 };
 enum { ITN__PNG_PALETTE = 3 };
 typedef struct itn__png {
-    int width, height, depth, methods;
+    int width, height, depth;
     int type; /* 0 grey, 2 RGB, 3 palette, 4 grey and alpha, 6 RGB and alpha */
     int colours, alpha, ended; /* how many planes of each; whether IEND was there */
     float gamma;
@@ -10451,41 +10448,34 @@ static void itn__png_chunk(itn__text *text, itn__png *png) {
     int type = (int)itn__take_number(&in, 4, 1);
     if (!in.result && itn__take_number(text, 4, 1) != itn__crc32(start, size + 4))
         ITN__DAMAGED(&in, "checksum is wrong");
-    if (!in.result && (type == ITN__IHDR) != !png->depth)
+    if ((type == ITN__IHDR) != !png->depth)
         ITN__DAMAGED(&in, "IHDR is not the first chunk, or is there twice");
-    switch (in.result ? 0 : type) {
-    case ITN__IHDR:
+    if (type == ITN__IHDR) {
         png->width = (int)itn__take_number(&in, 4, 1);
         png->height = (int)itn__take_number(&in, 4, 1);
         png->depth = (int)itn__take_number(&in, 1, 1);
         png->type = (int)itn__take_number(&in, 1, 1);
-        png->methods = (int)itn__take_number(&in, 3, 1);
+        int methods = (int)itn__take_number(&in, 3, 1);
         if (png->width < 1 || png->height < 1 || png->type > 6 || png->depth > 16 ||
-            !(depths[png->type] >> png->depth & 1) || png->methods > 1)
+            !(depths[png->type] >> png->depth & 1) || methods > 1)
             ITN__DAMAGED(&in, "there is no such size, depth, type or method");
-        if (png->methods) ITN__UNSUPPORTED(&in, "interlaced: save it without that");
+        if (methods) ITN__UNSUPPORTED(&in, "interlaced: save it without that");
         png->alpha = png->type > 3, png->colours = png->type & 2 ? 3 : 1;
-        break;
-    case ITN__IDAT: itn__put(&png->data, data, size); break;
-    case ITN__IEND: png->ended = 1; break;
-    case ITN__GAMA:
+    } else if (type == ITN__GAMA) {
         png->gamma = 1e5f / (float)itn__take_number(&in, 4, 1);
         if (!(png->gamma > .05f && png->gamma < 20)) ITN__DAMAGED(&in, "gamma is damaged");
         if (fabsf(png->gamma - 2.2f) < 1e-4f) png->gamma = 0;
-        break;
-    case ITN__PLTE:
-        if (size > 768) ITN__DAMAGED(&in, "more than 256 colours");
-        for (size_t k = 0; k < size && k < 768; k++) png->palette[k / 3][k % 3] = data[k];
-        break;
-    case ITN__TRNS:
-        if (png->type != ITN__PNG_PALETTE)
-            ITN__UNSUPPORTED(&in, "one colour is transparent: save it with an alpha channel");
-        for (size_t k = 0; k < size && k < 256; k++) png->palette[k][3] = data[k];
-        png->alpha = 1;
-        break;
-    default: /* a small first letter: it is not needed */
-        if (!(type & 0x20000000)) ITN__UNSUPPORTED(&in, "its type is unknown, and necessary");
-    }
+    } else if (type == ITN__PLTE || (type == ITN__TRNS && png->type == ITN__PNG_PALETTE)) {
+        size_t step = type == ITN__PLTE ? 3 : 1; /* bytes of a colour, of its alpha */
+        for (size_t k = 0; k < size && k < 256 * step; k++)
+            png->palette[k / step][step == 3 ? k % 3 : 3] = data[k];
+        png->alpha |= type == ITN__TRNS;
+    } else if (type == ITN__TRNS)
+        ITN__UNSUPPORTED(&in, "one colour is transparent: save it with an alpha channel");
+    else if (type == ITN__IDAT) itn__put(&png->data, data, size);
+    else if (type == ITN__IEND) png->ended = 1;
+    else if (!(type & 0x20000000)) /* a capital letter is the first */
+        ITN__UNSUPPORTED(&in, "its type is unknown, and necessary");
     text->result = in.result;
 }
 
@@ -10741,35 +10731,30 @@ static itn_result itn__check_image(const itn_image *image, int first_plane, int 
     return itn__context_check(&image->context, &buffer->context, error);
 }
 
-/* Sorts the planes by name. Returns NULL, or what is wrong with a name. */
-static const char *itn__exr_order(const itn_image *image, int *order) {
-    for (int i = 0, k; i < image->plane_count; i++) {
-        const char *name = image->names[i];
-        if (!*name || !memchr(name, 0, ITN_NAME_SIZE)) return "a plane's name is empty or endless";
-        for (k = i; k > 0 && strcmp(name, image->names[order[k - 1]]) < 0; k--)
-            order[k] = order[k - 1];
-        if (k > 0 && !strcmp(name, image->names[order[k - 1]]))
-            return "two planes have the same name";
-        order[k] = i;
-    }
-    return NULL;
-}
-
 #define ITN__PUT_BYTES(buffer, literal) itn__put(buffer, literal, sizeof literal - 1)
 
-/* An attribute is put as its name, type and size, and then its value. */
+/* Sorts the planes by name. An attribute is put as its name, type and size, and then its value. */
 ITN_API ITN__COLD itn_result itn_image_save_exr(const itn_image *image, const char *path,
                                                 itn_error *error) {
     itn__buffer buffer;
     int order[ITN__EXR_CHANNELS];
+    const char *fault = NULL;
     itn_result result = itn__check_image(image, 0, 1, &buffer, error);
     if (result) return result;
     uint64_t width = (uint64_t)image->width, height = (uint64_t)image->height, list = 1;
     uint64_t line = width * (size_t)image->plane_count * 4, last = (height - 1) << 32 | (width - 1);
-    const char *fault = line > INT_MAX || image->plane_count > ITN__EXR_CHANNELS
-                            ? "a line of 2 GiB, or 1025 planes" : itn__exr_order(image, order);
+    if (line > INT_MAX || image->plane_count > ITN__EXR_CHANNELS)
+        fault = "a line of 2 GiB, or 1025 planes";
+    for (int i = 0, k; i < image->plane_count && !fault; i++) {
+        const char *name = image->names[i];
+        if (!*name || !memchr(name, 0, ITN_NAME_SIZE)) fault = "a plane's name is empty or endless";
+        for (k = i; k > 0 && !fault && strcmp(name, image->names[order[k - 1]]) <= 0; k--) {
+            if (!strcmp(name, image->names[order[k - 1]])) fault = "two planes have the same name";
+            order[k] = order[k - 1];
+        }
+        order[k] = i, list += fault ? 0 : strlen(name) + 17;
+    }
     if (fault) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving an image: %s", fault);
-    for (int i = 0; i < image->plane_count; i++) list += strlen(image->names[i]) + 17;
     ITN__PUT_BYTES(&buffer, "\x76\x2f\x31\x01\2\4\0\0channels\0chlist\0"); /* 4: long names */
     itn__put_number(&buffer, list, 4, 0);
     for (int i = 0; i < image->plane_count; i++) { /* float, not subsampled */
