@@ -10592,68 +10592,61 @@ typedef struct itn__photo {
     const float *planes[6], *alpha, *mask[3]; /* colours, and their variances; NULL: none */
     int colours;       /* 1 or 3 */
     int stated, known; /* whether anything says what the noise is; whether a variance is not 0 */
-    double means[6];   /* of the film pixel at hand: of its channels, and of their variances */
-    itn_result result;
-    itn_error *error;
 } itn__photo;
 
-/* Adds a share of a pixel to the means, for a grey film of its luminance; channels have their noise
-   together. Returns 0 if it does not count: it is transparent, masked, saturated or not valid. */
-static int itn__photo_pixel(itn__photo *photo, int x, int y, double share) {
-    double gamma = (double)photo->desc.gamma, coded = (double)photo->image->gamma;
-    float light[3] = {0, 0, 0}, noise[3] = {0, 0, 0};
-    itn_photo_report *told = &photo->report;
-    size_t at = (size_t)y * (size_t)photo->image->width + (size_t)x;
-    if (photo->alpha && !(photo->alpha[at] >= 1)) return 0;
-    if (photo->mask[0] && !(photo->mask[0][at] >= .5f)) return 0;
-    for (int k = 0; k < photo->colours; k++) {
-        light[k] = photo->planes[k][at];
-        if (light[k] >= photo->desc.saturation) return told->saturated++, 0;
-        if (gamma != coded)
-            light[k] = (float)itn__decode(itn__encode((double)light[k], coded), gamma);
-        if (light[k] > told->largest) told->largest = light[k], told->clipped = 0;
-        told->clipped += light[k] == told->largest;
-        if (photo->planes[3 + k]) noise[k] = sqrtf(photo->planes[3 + k][at]);
-    }
-    if (photo->colours > photo->film.channels)
-        light[0] = itn__luminance(light), noise[0] = itn__luminance(noise);
-    for (int k = 0; k < photo->film.channels; k++) {
-        if (!(fabsf(light[k]) <= 1e18f && noise[k] <= 1e18f))
-            photo->result = itn__fail(photo->error, ITN_ERROR_ARGUMENT, 0, "the photo's pixel %d, "
-                                      "%d has no valid value, or no valid variance", x, y);
-        photo->means[k] += share * (double)light[k];
-        photo->means[3 + k] += share * (double)noise[k] * (double)noise[k];
-    }
-    return !photo->result;
-}
-
-/* Makes a film pixel: its values and, in the planes behind, their variances. One of the photo's has
-   sides as long as the film has pixels, then one of the film's as long as the crop has. */
-static void itn__photo_film(itn__photo *photo, int x, int y, itn_image *made) {
+/* Makes a film pixel: its values and, in the planes behind, their variances. It is masked if a part
+   of it is transparent, masked or saturated. A pixel of the photo has sides as long as the film has
+   pixels, then one of the film's as long as the crop has; for a grey film it is its luminance, and
+   its channels have their noise together. */
+static itn_result itn__photo_film(itn__photo *photo, int x, int y, itn_image *made,
+                                  itn_error *error) {
     const itn_photo_desc *d = &photo->desc;
+    itn_photo_report *told = &photo->report;
     int channels = photo->film.channels, codes = photo->image->codes, counts = 1;
-    double w = d->crop_width, h = d->crop_height, gamma = (double)d->gamma;
-    double columns = photo->film.width, rows = photo->film.height;
-    memset(photo->means, 0, sizeof photo->means);
+    double w = d->crop_width, h = d->crop_height, columns = photo->film.width;
+    double rows = photo->film.height, means[6] = {0, 0, 0, 0, 0, 0};
+    double gamma = (double)d->gamma, coded = (double)photo->image->gamma;
     for (double j = floor(y * h / rows); j * rows < (y + 1) * h; j++)
         for (double i = floor(x * w / columns); i * columns < (x + 1) * w && counts; i++) {
             double across = fmin((i + 1) * columns, (x + 1) * w) - fmax(i * columns, x * w);
             double down = fmin((j + 1) * rows, (y + 1) * h) - fmax(j * rows, y * h);
-            counts = itn__photo_pixel(photo, d->crop_x + (int)i, d->crop_y + (int)j,
-                                      across / w * (down / h));
+            int column = d->crop_x + (int)i, row = d->crop_y + (int)j;
+            size_t at = (size_t)row * (size_t)photo->image->width + (size_t)column;
+            float light[3] = {0, 0, 0}, noise[3] = {0, 0, 0};
+            counts = (!photo->alpha || photo->alpha[at] >= 1) &&
+                     (!photo->mask[0] || photo->mask[0][at] >= .5f);
+            for (int k = 0; k < photo->colours && counts; k++) {
+                light[k] = photo->planes[k][at];
+                counts = !(light[k] >= d->saturation), told->saturated += !counts;
+                if (gamma != coded)
+                    light[k] = (float)itn__decode(itn__encode((double)light[k], coded), gamma);
+                if (counts && light[k] > told->largest) told->largest = light[k], told->clipped = 0;
+                told->clipped += counts && light[k] == told->largest;
+                if (photo->planes[3 + k]) noise[k] = sqrtf(photo->planes[3 + k][at]);
+            }
+            if (photo->colours > channels)
+                light[0] = itn__luminance(light), noise[0] = itn__luminance(noise);
+            for (int k = 0; k < channels && counts; k++) {
+                if (!(fabsf(light[k]) <= 1e18f && noise[k] <= 1e18f))
+                    return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "the photo's pixel %d, %d has "
+                                     "no valid value, or no valid variance", column, row);
+                means[k] += across / w * (down / h) * (double)light[k];
+                means[3 + k] += across / w * (down / h) * (double)noise[k] * (double)noise[k];
+            }
         }
-    photo->report.masked += !counts;
+    told->masked += !counts;
     for (int c = 0; c < channels; c++) {
-        double mean = photo->means[c], code = itn__encode(mean, gamma), step = 0;
+        double mean = means[c], code = itn__encode(mean, gamma), step = 0;
         if (codes && (photo->stated || codes < 256))
             step = itn__decode(code + .5 / codes, gamma) - itn__decode(code - .5 / codes, gamma);
-        double variance = photo->means[3 + c] + step * step / 12 + pow((double)d->read_noise, 2) +
+        double variance = means[3 + c] + step * step / 12 + pow((double)d->read_noise, 2) +
                           (double)d->gain * fmax(mean, 0);
         variance = variance / (w / columns * h / rows) + (photo->stated ? 0 : step * step / 4);
         *itn__pixel(made, c, y, x) = counts ? (float)mean : 0;
         *itn__pixel(made, channels + c, y, x) = counts ? (float)variance : INFINITY;
         photo->known |= !counts || variance > 0;
     }
+    return ITN_OK;
 }
 
 ITN_API ITN__COLD itn_result itn_photo_make(const itn_image *image, const itn_photo_desc *desc,
@@ -10669,7 +10662,7 @@ ITN_API ITN__COLD itn_result itn_photo_make(const itn_image *image, const itn_ph
         (film.channels != 1 && film.channels != 3))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "the photo is NULL, or the film is none of a scene");
-    p.image = image, p.film = film, p.error = error;
+    p.image = image, p.film = film;
     if (desc) *d = *desc;
     if (d->crop_x >= 0 && !d->crop_width) d->crop_width = image->width - d->crop_x;
     if (d->crop_y >= 0 && !d->crop_height) d->crop_height = image->height - d->crop_y;
@@ -10696,13 +10689,14 @@ ITN_API ITN__COLD itn_result itn_photo_make(const itn_image *image, const itn_ph
     for (int k = 0; k < p.colours; k++)
         p.planes[3 + k] = itn_image_plane(image, names[p.colours / 3][p.colours + k]);
     p.stated = d->read_noise > 0 || d->gain > 0 || p.planes[3];
-    p.result =
+    itn_result result =
         itn_image_create(film.width, film.height, 2 * film.channels, &image->context, &made, error);
     for (int y = 0; y < film.height; y++)
-        for (int x = 0; x < film.width && !p.result; x++) itn__photo_film(&p, x, y, &made);
+        for (int x = 0; x < film.width && !result; x++)
+            result = itn__photo_film(&p, x, y, &made, error);
     for (int k = 0; k < made.plane_count; k++) strcpy(made.names[k], names[film.channels / 3][k]);
     if (!p.known) made.plane_count = film.channels; /* all counts, and nothing is known */
-    if (p.result) return itn_image_free(&made), p.result;
+    if (result) return itn_image_free(&made), result;
     if (report) *report = p.report;
     *photo = made;
     return ITN_OK;
@@ -11357,23 +11351,23 @@ ITN_API itn_result itn_net_from_memory(const void *data, size_t size, const char
 ITN_API itn_result itn_net_save(const itn_net *net, const char *path, int weights_only,
                                 itn_error *error) {
     itn__buffer buffer = ITN_ZERO;
-    uint64_t arrays = weights_only ? 1 : 3;
     int sizes[ITN__NET_SIZES];
     if (!net || !path)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_save: a pointer is NULL");
+    size_t arrays = weights_only ? 1 : 3, values = arrays * net->count;
+    if (itn__first_beyond(net->parameters, values, FLT_MAX) < values)
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "%s: not written, because a weight or Adam moment is not finite", path);
     buffer.context = net->context;
     itn__put(&buffer, "ITN-NET\n", 8);
-    itn__put_number(&buffer, 1 | arrays << 32, 8, 0);
+    itn__put_number(&buffer, 1 | (uint64_t)arrays << 32, 8, 0);
     memcpy(sizes, &net->desc, sizeof sizes);
     for (int k = 0; k < 6; k++) itn__put_number(&buffer, (uint32_t)sizes[k], 4, 0);
     itn__put_number(&buffer, net->count, 8, 0);
     itn__put_number(&buffer, weights_only ? 0 : net->steps, 8, 0);
-    size_t wrong = itn__put_floats(&buffer, net->parameters, (size_t)arrays * net->count);
+    itn__put_floats(&buffer, net->parameters, values);
     itn__put_number(&buffer, itn__fnv1a(buffer.bytes, buffer.size), 8, 0);
-    if (!wrong) return itn__write_file(path, &buffer, error);
-    itn__buffer_free(&buffer);
-    return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: not written, because a weight or Adam "
-                     "moment is not finite", path);
+    return itn__write_file(path, &buffer, error);
 }
 
 ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *context,
