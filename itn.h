@@ -703,7 +703,6 @@ typedef struct itn_refine_step {
                              before, but for where it is (theta, values); 1: it is done */
     double misfit;        /* in units of noise, 1 where the scene explains the pictures */
     double misfit_error;  /* its standard error, by the noise of the renders */
-    double loss;          /* mean over pixels and channels of (I(theta) - target)^2, unbiased */
     const float *theta;   /* [parameter_count of the scene], of the first view */
     const float *values;  /* [count] the unknowns */
     const double *errors; /* [count] standard errors by what is known so far; NULL: not known */
@@ -712,10 +711,9 @@ typedef struct itn_refine_step {
 
 /* How a search ended. */
 typedef struct itn_refine_outcome {
-    double misfit; /* the mean of (I - T)^2 over what noise of picture and renders explains; where
-                      the picture's is not known, it is what neighbouring pixels do not share, and
-                      both are those of the pictures slightly blurred */
-    double misfit_error; /* its standard error */
+    double misfit, misfit_error; /* the mean of (I - T)^2 over what noise of picture and renders
+                      explains; the picture's, where not known, is what neighbouring pixels do not
+                      share, and both are then those of pictures slightly blurred */
     int explained; /* 0: the misfit is clearly above 1 (1.2 and two errors): the scene is not that
                       of the picture, or the search ended in a wrong valley */
     int finished;  /* 0: iterations or time ran out, or the caller ended it */
@@ -724,21 +722,18 @@ typedef struct itn_refine_outcome {
 
 /* How to search; all zero is a choice that does well. */
 typedef struct itn_refine_options {
-    int iterations; /* most steps, not counting those in reduced pictures; 0 = 20. A search stops by
-                       itself when all that it sees is noise */
-    int spp;        /* samples per pixel of each of the two renders of an iteration, 2 to 524287;
-                       0 = 64. It takes more as it closes in */
-    int final_spp;  /* samples, at most 67108863, of all renders that are averaged in the end; 0 =
-                       6 spp, and up to 32 times as many where these leave an unknown undetermined;
-                       fewer if only the picture's own noise is left */
+    int iterations, max_scatter; /* most steps in whole pictures, 0 = 20; see itn_render_options */
+    int spp;        /* samples per pixel of each of a step's two renders, until all that is seen is
+                       noise; from then on they double. 2 to 524287; 0 = 64 */
+    int final_spp;  /* of all renders that are averaged in the end, at most 67108863; 0 = 6 spp, and
+                       up to 32 times as many where these leave an unknown undetermined. Fewer where
+                       only the picture's own noise is left */
     uint64_t seed;
-    int max_scatter; /* see itn_render_options */
-    double seconds;  /* the most that a search takes, with the best answer so far; 0 = 60. The bits
-                        of a result depend on the clock only where this ends the search */
-    const float *target_variance; /* [C][height][width] of each value of the target (NULL: unknown):
-                                     which pixels to trust, and what a misfit of 1 is. INFINITY
-                                     masks a value, which may then be anything; all others 0: as
-                                     NULL. For itn_refine only: each itn_view has its own */
+    double seconds; /* the most that a search takes, with the best answer so far; 0 = 60. Bits of a
+                       result depend on the clock only where this ends the search */
+    const float *target_variance; /* [C][height][width] of each value of the target (NULL, or all 0
+                                     but those: unknown). INFINITY masks a value, which may then be
+                                     anything. For itn_refine only: each itn_view has its own */
     double *covariance; /* if not NULL, receives [count][count]: of the values */
     itn_refine_outcome *outcome; /* if not NULL, is filled in */
     int (*progress)(void *user, const itn_refine_step *step); /* after steps and within them; above
@@ -749,20 +744,18 @@ typedef struct itn_refine_options {
 /* What an image says about one parameter. */
 typedef struct itn_estimate {
     double value;
-    double standard_error; /* by residuals and derivative images (sandwich covariance), and by how
-                              well these are known (Fieller 1954). If the search was not over, the
-                              step that was left counts; if the misfit is not explained, it is
-                              sqrt(misfit) times as large */
+    double standard_error; /* by residuals and derivative images (sandwich covariance), how well
+                              these are known (Fieller 1954), and the step that was left; if the
+                              misfit is not explained, sqrt(misfit) times as large */
     int determined;        /* look here first. 0: the error of its coordinate is .5 or more, as the
                               picture, or so few samples, say next to nothing about it */
 } itn_estimate;
 
 /* Minimises ||I - T(pi)||^2 (equation 1) over `count` parameters of the scene, from the values in
-   theta on; other parameters stay. Gauss-Newton divides each pixel's difference by what noise makes
-   of it and compares pictures slightly blurred, which has the same minimum where the scene accounts
-   for the picture. It searches first in reduced pictures, also from others of every unknown g if
-   more misfit remains than noise explains. Against other wrong valleys a good start helps (a
-   network's estimate), or several.
+   theta on; other parameters stay. Each pixel's difference is divided by what noise makes of it,
+   and derivatives are slightly blurred: the same minimum where the scene accounts for the picture.
+   The search begins in reduced pictures, also with another g if more misfit is left than noise
+   explains. Against other wrong valleys a good start helps (a network's estimate), or several.
    theta: [itn_parameter_count], in and out. target: [C][height][width], linear radiometric, within
    -1e18 to 1e18. parameters: [count], all different, count from 1 to 256. estimates: [count].
    options may be NULL. Errors: ARGUMENT, UNSUPPORTED (as itn_render), MEMORY, CANCELLED; then
@@ -782,11 +775,10 @@ typedef struct itn_view {
                               scene has not got it, for example the light of another view */
 } itn_view;
 
-/* The same for several pictures at once: minimises the sum of ||I - T(pi)||^2 over views, each with
-   its own scene (camera, lights, film, objects), picture and noise, that share `count` unknowns.
-   Each view has at least one, and each unknown is in at least one view, with the same bounds in
-   all. values: [count], in and out. The options' target_variance must be NULL. Nothing that views
-   point to is changed. Of one view, the bits are those of itn_refine. */
+/* The same for several pictures, each with its own scene (camera, lights, film, objects) and noise,
+   that share `count` unknowns: each view has at least one, each unknown is in at least one, with
+   the same bounds in all. values: [count], in and out. The options' target_variance must be NULL.
+   What views point to stays. Of one view, the bits are those of itn_refine. */
 ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float *values,
                                     int count, const itn_refine_options *options,
                                     itn_estimate *estimates, itn_error *error);
@@ -796,15 +788,12 @@ ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float
    best. For example, in one line,
        milk.sigma_t and milk.g are determined only together: milk.sigma_t (1-milk.g)^0.97 to 0.5 %,
        but milk.sigma_t alone to 12 %, milk.g alone to +-0.06
-   Unknowns are told together when the rest of them being known would make their error three times
-   smaller (variance inflation factor 10, Belsley, Kuh and Welsch 1980), in one group where their
-   errors correlate by more than .4. outcome, if not NULL, adds a line if the misfit is not
-   explained, with what to suspect, and one if the search was not finished.
-   parameters: [count] what the unknowns are (itn_parameter_get), count from 1 to 32. estimates:
-   [count], covariance: [count][count], as filled by itn_refine. Like snprintf: writes at most size
-   bytes with the final zero and returns the length of the whole text without it; text may be NULL
-   if size is 0. Returns -1 if an argument is NULL or out of range, a number is not finite or an
-   error negative. */
+   outcome, if not NULL, adds a line if the misfit is not explained, with what to suspect, and one
+   if the search was not finished. parameters: [count] what the unknowns are (itn_parameter_get),
+   count from 1 to 32. estimates and covariance: as filled by itn_refine. Like snprintf: writes at
+   most size bytes with the final zero and returns the length of the whole text without it; text may
+   be NULL if size is 0. Returns -1 if an argument is NULL or out of range, a number is not finite
+   or an error negative. */
 ITN_API int itn_refine_words(const itn_parameter *const *parameters, int count,
                              const itn_estimate *estimates, const double *covariance,
                              const itn_refine_outcome *outcome, char *text, size_t size);
@@ -8722,22 +8711,20 @@ ITN_API itn_result itn_net_step(itn_net *net, double rate, itn_error *error) {
 
 /* Analysis by synthesis looks for pi minimising ||I - T(pi)||^2 (equation 1). Each evaluation makes
    two independent renders a and b of picture and derivatives, J = dT/dpi. Those near each other,
-   moved to the present point, T + J (pi - pi'), are averaged with their samples as weights; what is
-   too far away for that is forgotten. From the averages come the normal equations ([normal]), and
-   from these steps ([search]) and error bars ([estimates]). Several pictures of one material are
-   one of more pixels.
+   moved to the present point, T + J (pi - pi'), are averaged with their samples as weights; others
+   are forgotten. From the averages come the normal equations ([normal]), and from these steps
+   ([search]) and error bars ([estimates]). Several pictures of one material are one of more pixels.
 
    Coordinates are logarithms and logits, where bounds are out of reach. Pictures of a dense medium
    hardly change while sigma_t albedo (1 - g) and sigma_t (1 - albedo) stay (similarity relations,
-   Wyman, Patterson and Wilson 1989): the loss has a long, curved valley. Where g of a medium is
-   unknown, coordinates that lie along it are therefore
+   Wyman, Patterson and Wilson 1989): the loss has a long, curved valley. Where g is unknown, two
+   coordinates therefore lie along it:
        u = ln sigma_t + ln(1 - g),    v = logit(albedo) + ln(1 - g),    and g's own. */
 
 enum { ITN__MOST_UNKNOWNS = 256, ITN__BROAD = 6, ITN__NARROW = 3 /* passes of a blur */ };
 #define ITN__NARROW_OWN .0976563 /* of a pixel's blurred value, (C(6, 3) / 2^6)^2 */
 #define ITN__BROAD_SQUARES .0259793 /* the sum of squared weights, (C(24, 12) / 2^24)^2 */
 #define ITN__PRIOR 8. /* standard deviation of a coordinate of which nothing is known */
-#define ITN__HARDLY .5 /* the error of one that is not determined */
 
 /* A view as the search sees it. Renders are [2 + count][pixels]: light, variance of one sample
    (where pixels are blocks, of one of each), derivatives by the coordinates. */
@@ -8746,18 +8733,15 @@ typedef struct itn__refine_view {
     const itn_scene *scene;
     int asked; /* how many of the unknowns it has: as which parameters, and which */
     int parameters[ITN__MOST_UNKNOWNS], unknowns[ITN__MOST_UNKNOWNS];
-    int width, height;      /* of the pictures that are compared, */
-    size_t plane, pixels;   /* their pixels, of one channel and of all */
-    int noise_unknown;      /* the target's, */
-    double nugget;          /* and its variance then */
-    float *theta;           /* [parameter_count] */
-    float *target;          /* [pixels], as all that has no size here */
-    float *target_variance; /* as around each, INFINITY where the target does not count */
-    float *scale;           /* one over the standard deviation of a residual, or 0 */
-    float *residual[2];     /* of renders a and b, times scale */
+    int width, height, noise_unknown; /* of pictures that are compared; whether the target's is */
+    size_t plane, pixels;             /* their pixels, of one channel and of all */
+    double nugget;                    /* the target's variance where that is not known */
+    float *theta, *target, *target_variance; /* the latter INFINITY where the target is masked */
+    float *scale, *residual[2]; /* one over the deviation of residuals, or 0; of renders a and b,
+                                   times scale */
     float *known[2], *fresh[2]; /* these renders, of all evaluations that count, and the last */
-    float *blurred[2];      /* [count][pixels] K J of a and b */
-    float *score, *spare;   /* [count][pixels] for scores ([normal]); [pixels] */
+    float *blurred[2], *score;  /* [count][pixels] K J of a and b; [count][plane] see [normal] */
+    float *spare;
 } itn__refine_view;
 
 /* How far the pictures are from the renders. */
@@ -8765,39 +8749,33 @@ typedef struct itn__misfit {
     double excess, noise; /* sum of r_a r_b - the target's variance; its variance by renders */
     double value, error, spread; /* in units of noise, 1 where the scene explains the pictures; by
                                     the noise of renders alone, and by that over all pixels */
-    double loss; /* mean square difference */
 } itn__misfit;
 
 typedef struct itn__refiner {
-    const itn_context *context; /* of the first scene */
     itn_refine_options options;
     itn__refine_view *views;
     int view_count, count;
     const itn_parameter *parameters[ITN__MOST_UNKNOWNS]; /* in the first view that has it */
     int g[ITN__MOST_UNKNOWNS]; /* which unknown is the g of a sigma_t or an albedo; or -1 */
     float values[ITN__MOST_UNKNOWNS];
+    double value_errors[ITN__MOST_UNKNOWNS], step[ITN__MOST_UNKNOWNS];
     double coordinates[ITN__MOST_UNKNOWNS], before[ITN__MOST_UNKNOWNS]; /* of the point before */
-    double step[ITN__MOST_UNKNOWNS], value_errors[ITN__MOST_UNKNOWNS];
-    double told[ITN__MOST_UNKNOWNS], doubt[ITN__MOST_UNKNOWNS]; /* along an axis: lambda, sqrt(S) */
-    double right[ITN__MOST_UNKNOWNS]; /* along it, b */
-    double *turn;       /* [count][count], all of these: G = d value / d coordinate; */
-    double *matrix;     /* A, and room for others; */
-    double *axes;       /* its eigenvectors are the columns; */
-    double *noise;      /* N, covariance of b, along these; */
-    double *covariance; /* of the coordinates */
-    double drawn;       /* share of the renders in what is not known */
+    double told[ITN__MOST_UNKNOWNS], doubt[ITN__MOST_UNKNOWNS], right[ITN__MOST_UNKNOWNS]; /* along
+                                      an axis: lambda, what it must exceed, 3 sqrt(S), and b */
+    double *turn, *matrix, *axes; /* [count][count]: G = d value / d coordinate; A, and room for
+                                     others; its eigenvectors are the columns */
+    double *noise, *covariance;   /* N, covariance of b, along these; that of the coordinates */
     itn__misfit misfit;
-    int block;          /* pixels are means of block x block */
+    int block, coarse; /* pixels are means of block x block; whether that is but the beginning */
     int spp, known, final, most; /* samples of a pixel of each render: of the last one, all that
                                     count, wanted, and at most */
-    int coarse, part;   /* whether it looks at reduced pictures; which render is under way */
-    int arrived;        /* whether all that is seen is noise */
-    int ended;          /* why (see [search]), or 0 */
+    int part, arrived, ended;    /* which render is under way; whether all that is seen is noise;
+                                    why it has ended (see [search]), or 0 */
     uint64_t renders;
     double begun, since, rendering; /* seconds: when the search began, these pictures were first
                                        looked at, and the evaluation began */
-    double work;            /* samples since then */
-    itn_refine_step shown;  /* to the caller */
+    double work, drawn; /* samples since then; share of the renders in what is not known */
+    itn_refine_step shown;          /* to the caller */
 } itn__refiner;
 
 /* Turns transformed coordinates into those along the valley (direction 1) or back (-1). */
@@ -8809,39 +8787,32 @@ static void itn__along_valley(const itn__refiner *refiner, double *coordinates, 
                                                       refiner->parameters[g], coordinates[g]));
 }
 
-/* The values at these coordinates, which become transformed ones. */
-static void itn__refine_values(const itn__refiner *refiner, double *coordinates, double *values) {
-    itn__along_valley(refiner, coordinates, -1);
-    for (int k = 0; k < refiner->count; k++) {
-        const itn_parameter *p = refiner->parameters[k];
-        values[k] = fmax(itn_parameter_from_coordinate(p, coordinates[k]), itn__least_sought(p));
-    }
-}
-
 /* Sets the unknowns, in all views, from coordinates, and G; what would lie beyond its bounds is
    held on them. */
 static void itn__refine_set(itn__refiner *refiner, const double *coordinates) {
-    double plain[ITN__MOST_UNKNOWNS], values[ITN__MOST_UNKNOWNS], slopes[ITN__MOST_UNKNOWNS];
+    double plain[ITN__MOST_UNKNOWNS], values[ITN__MOST_UNKNOWNS], *turn = refiner->turn;
     int n = refiner->count, held = 0, g;
     size_t size = (size_t)n * sizeof(double);
     memcpy(plain, coordinates, size), memcpy(refiner->coordinates, coordinates, size);
-    memset(refiner->turn, 0, (size_t)n * size);
-    itn__refine_values(refiner, plain, values);
+    memset(turn, 0, (size_t)n * size);
+    itn__along_valley(refiner, plain, -1);
     for (int k = 0; k < n; k++) {
         const itn_parameter *p = refiner->parameters[k];
+        values[k] = fmax(itn_parameter_from_coordinate(p, plain[k]), itn__least_sought(p));
         double within = itn_parameter_to_coordinate(p, values[k]);
         if (fabs(within - plain[k]) > 1e-6 * fmax(fabs(within), 1)) plain[k] = within, held = 1;
         refiner->values[k] = itn__clamp((float)values[k], p->lower, p->upper);
-        slopes[k] = refiner->turn[k * (n + 1)] = itn_parameter_slope(p, values[k]);
+        turn[k * (n + 1)] = itn_parameter_slope(p, values[k]);
     }
     for (int k = 0; k < n; k++)
         if ((g = refiner->g[k]) >= 0)
-            refiner->turn[k * n + g] = slopes[k] * slopes[g] / fmax(1 - values[g], 1e-7);
+            turn[k * n + g] = turn[k * (n + 1)] * turn[g * (n + 1)] / fmax(1 - values[g], 1e-7);
     if (held) itn__along_valley(refiner, plain, 1), memcpy(refiner->coordinates, plain, size);
-    for (int v = 0; v < refiner->view_count; v++)
-        for (int k = 0; k < refiner->views[v].asked; k++)
-            refiner->views[v].theta[refiner->views[v].parameters[k]] =
-                refiner->values[refiner->views[v].unknowns[k]];
+    for (int v = 0; v < refiner->view_count; v++) {
+        const itn__refine_view *view = &refiner->views[v];
+        for (int k = 0; k < view->asked; k++)
+            view->theta[view->parameters[k]] = refiner->values[view->unknowns[k]];
+    }
 }
 
 /* Blurs planes, their rows and then their columns, by (1 2 1)/4 time and again, beyond the ends
@@ -8870,8 +8841,7 @@ static void itn__around(const itn__refine_view *view, const float *in, float *ou
     for (size_t i = 0; i < view->pixels; i++) out[i] = (out[i] - own * in[i]) / (1 - own);
 }
 
-/* Replaces planes of a film by the means of its blocks, with nothing between; a block of which one
-   value is infinite or NaN has such a mean. */
+/* Replaces planes of a film by the means of its blocks, with nothing between. */
 static void itn__reduce(const itn__refiner *refiner, const itn__refine_view *view, float *planes,
                         size_t count) {
     size_t block = (size_t)refiner->block, width = (size_t)view->width, area = block * block;
@@ -8904,36 +8874,26 @@ static void itn__take_in(const itn__refiner *refiner, itn__refine_view *view, it
     }
 }
 
-/* The variance of one sample in a value. */
-static float itn__sample_variance(const itn__refine_view *view, float *const *renders, size_t i) {
-    return (renders[0][view->pixels + i] + renders[1][view->pixels + i]) / 2;
-}
-
-/* Whether value i of the target counts. */
-static int itn__counts(const itn__refine_view *view, size_t i) {
-    return view->target_variance[i] < INFINITY;
-}
-
 /* Residuals and derivatives are divided by the standard deviation of the residual as it will be
-   when all samples are there: of renders and target, as those around a pixel have it, because its
-   own would favour what is dark by chance. Where the target's is not known, it is the same in all
-   pixels. A floor, a thousandth of the mean, bounds the weight of pixels without noise. */
+   when all samples are there, as pixels around have it, because its own would favour what is dark
+   by chance. A floor, a thousandth of the mean, bounds the weight of pixels without noise. */
 static void itn__refine_weigh(const itn__refiner *refiner, itn__refine_view *view) {
     double sum = 0, square = 0, counted = 0;
     float *scale = view->scale, samples = itn__max((float)refiner->known, (float)refiner->final);
-    for (size_t i = 0; i < view->pixels; i++)
-        view->spare[i] = itn__sample_variance(view, view->known, i);
-    itn__around(view, view->spare, scale);
     for (size_t i = 0; i < view->pixels; i++) {
-        scale[i] = itn__max(scale[i], 0) / (2 * samples) + (float)view->nugget;
-        if (!itn__counts(view, i)) continue;
-        scale[i] += view->target_variance[i];
-        sum += scale[i], square += (double)view->target[i] * view->target[i], counted++;
+        if (!(view->target_variance[i] < INFINITY)) continue;
+        float drawn = view->known[0][view->pixels + i] + view->known[1][view->pixels + i];
+        view->spare[i] = drawn / (4 * samples) + (float)view->nugget + view->target_variance[i];
+        sum += view->spare[i], square += (double)view->target[i] * view->target[i], counted++;
     }
+    for (size_t i = 0; i < view->pixels; i++) /* what does not count has the mean, meanwhile */
+        if (!(view->target_variance[i] < INFINITY)) view->spare[i] = (float)(sum / counted);
+    itn__around(view, view->spare, scale);
     double least = (1e-3 * sum + 1e-12 * square) / counted;
     if (!(least > 0)) least = 1; /* a black picture of a black scene */
     for (size_t i = 0; i < view->pixels; i++)
-        scale[i] = itn__counts(view, i) ? (float)(1 / sqrt(scale[i] + least)) : 0;
+        scale[i] = view->target_variance[i] < INFINITY
+                       ? (float)(1 / sqrt(itn__max(scale[i], 0) + least)) : 0;
 }
 
 /* ---- [normal] the normal equations, and their noise ------------------------------------------ */
@@ -8941,48 +8901,31 @@ static void itn__refine_weigh(const itn__refiner *refiner, itn__refine_view *vie
 /* With residual r = I - T and J divided by the standard deviation of r in each pixel, steps solve
        A delta = b,    A = J^T K J,    b = J^T K r.
    K blurs by a few pixels (symmetric, positive): derivatives vary slowly over the picture while
-   their noise does not, so blurred ones judge residuals far better; K = 1 is least squares.
-   Samples common to J and T would bias every product, so only renders a and b are multiplied with
-   each other:
+   their noise does not, so blurred ones judge residuals far better; K = 1 is least squares. Samples
+   common to J and T would bias products, so only renders a and b are multiplied with each other:
        b = sum over pixels of s,  s = 1/2 (K J_a r_b + K J_b r_a),   A = 1/2 (J_a^T K J_b + ...).
    The covariance of b is N, the sum of s s^T (Huber 1967, White 1980), of whatever makes residuals
-   differ, known or not; all channels of a pixel are in one s, and so is what their noise has in
-   common. The same of t = 1/2 (K J_a r_b - K J_b r_a) is the part of the renders.
+   differ; the same of t = 1/2 (K J_a r_b - K J_b r_a) is the part of the renders.
 
-   A is known no better than its own noise. Coordinates being of one size (a prior standard
-   deviation of 8), its eigenvectors c are the changes that show least and most. Each tells
-   lambda = c^T A c; with D = (J_a - J_b)/2 . c, whose variance is V, that has the variance
+   Coordinates being of one size (a prior standard deviation of 8), eigenvectors c of A are the
+   changes that show least and most. Each tells lambda = c^T A c; with D = (J_a - J_b)/2 . c, whose
+   variance is V, that has the variance
        S = 4 sum of V (K J c)^2 + 4 sum of V^2 x the sum of K's squared weights.
    A change at distance d is not excluded at three standard deviations if
        (lambda d)^2 <= 9 (c^T N c + S d^2),   that is   d <= 3 sqrt(c^T N c / (lambda^2 - 9 S))
    (Fieller 1954). A third of that is the standard error; where lambda is less than three of its own
    standard deviations, no change is excluded, and the prior is all there is.
 
-   The misfit compares r_a r_b with the noise. Where the picture's is not known, noise is what
-   neighbours do not share (the nugget of a variogram), and the misfit is that of a picture slightly
-   blurred, in which noise is a tenth and what neighbours share stays. */
+   The misfit compares r_a r_b with the noise. Where the picture's is not known, it is what
+   neighbours do not share (the nugget of a variogram), and the misfit that of a picture slightly
+   blurred, in which noise is a tenth. */
 
-#define ITN__CERTAIN 3.
-
-/* Sum of x y z; z NULL: of x y. */
-ITN__NOINLINE double itn__product(const float *x, const float *y, const float *z, size_t count) {
-    double sum = 0;
-    for (size_t i = 0; i < count; i++) sum += (double)x[i] * y[i] * (z ? (double)z[i] : 1);
-    return sum;
-}
-
-/* Whether any unknown's derivative in a value is not 0. */
-static int itn__depends(const itn__refiner *refiner, const itn__refine_view *view, size_t at) {
-    for (int k = 0; k < refiner->count; k++)
-        if (view->known[0][(size_t)(2 + k) * view->pixels + at] != 0) return 1;
-    return 0;
-}
-
-/* The misfit of renders, all channels of a pixel together; leaves the residuals of them, over their
-   deviation. */
+/* The misfit of renders, all channels of a pixel together, over values that any unknown changes;
+   leaves the residuals of the renders, over their deviation. */
 static void itn__misfit_of(itn__refiner *refiner, int fresh, itn__misfit *misfit) {
     itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
-    double excess = 0, square = 0, noise = 0, squares = 0, counted = 0, all = 0;
+    double excess = 0, square = 0, noise = 0, all = 0;
+    double samples = 2. * (fresh ? refiner->spp : refiner->known);
     memset(misfit, 0, sizeof *misfit);
     for (; view < end; view++) {
         float *const *renders = fresh ? view->fresh : view->known, **r = view->residual;
@@ -8995,13 +8938,13 @@ static void itn__misfit_of(itn__refiner *refiner, int fresh, itn__misfit *misfit
         for (size_t pixel = 0; pixel < view->plane; pixel++) {
             double together = 0, shared = 0, deviation = 0;
             for (size_t at = pixel; at < view->pixels; at += view->plane) {
-                double w = (double)view->scale[at] * view->scale[at];
                 double ra = (double)r[0][at], rb = (double)r[1][at];
-                if (!(w > 0)) continue;
-                squares += ra * rb / w, counted++;
-                if (!itn__depends(refiner, view, at)) continue;
-                double v = w * itn__sample_variance(view, renders, at) /
-                           (fresh ? refiner->spp : refiner->known);
+                double w = (double)view->scale[at] * view->scale[at];
+                size_t variance = at + view->pixels, slope = variance + view->pixels;
+                size_t last = slope + (size_t)refiner->count * view->pixels;
+                double v = w * (renders[0][variance] + renders[1][variance]) / samples;
+                while (slope < last && view->known[0][slope] == 0) slope += view->pixels;
+                if (!(w > 0) || slope >= last) continue;
                 together += ra * rb - w * view->target_variance[at];
                 deviation += sqrt(fmax(v * (ra * ra + rb * rb - v), 0));
                 shared += rb * (double)view->spare[at];
@@ -9020,7 +8963,7 @@ static void itn__misfit_of(itn__refiner *refiner, int fresh, itn__misfit *misfit
         }
         excess += what / unit, noise += drawn / (unit * unit), square += beyond / (unit * unit);
     }
-    misfit->loss = squares / fmax(counted, 1), misfit->value = 1 + excess / fmax(all, 1);
+    misfit->value = 1 + excess / fmax(all, 1);
     misfit->spread = sqrt(square) / fmax(all, 1), misfit->error = sqrt(noise) / fmax(all, 1);
 }
 
@@ -9033,14 +8976,14 @@ static void itn__normal_add(itn__refiner *refiner, itn__refine_view *view, doubl
         for (size_t i = 0; i < count; i++)
             blurred[i] = view->known[half][2 * pixels + i] * view->scale[i % pixels];
         itn__blur(view, blurred, count, ITN__BROAD);
-        for (size_t i = 0; i < count; i++) blurred[i] *= view->scale[i % pixels] > 0;
     }
-    for (int k = 0; k < 2 * n * n; k++) {
+    for (int k = 0; k < 2 * n * n; k++) { /* and each once more, turned, as A is symmetric */
         int one = k / 2 / n, other = k / 2 % n;
-        double product = .25 * itn__product(view->known[k % 2] + (size_t)(2 + one) * pixels,
-                                            view->blurred[1 - k % 2] + (size_t)other * pixels,
-                                            view->scale, pixels);
-        refiner->matrix[one * n + other] += product, refiner->matrix[other * n + one] += product;
+        const float *slope = view->known[k % 2] + (size_t)(2 + one) * pixels;
+        const float *blurred = view->blurred[1 - k % 2] + (size_t)other * pixels;
+        double sum = 0;
+        for (size_t i = 0; i < pixels; i++) sum += .25 * slope[i] * blurred[i] * view->scale[i];
+        refiner->matrix[one * n + other] += sum, refiner->matrix[other * n + one] += sum;
     }
     for (int half = 0; half < 2; half++) { /* the scores s, and t */
         double *noise = half ? drawn : refiner->noise;
@@ -9053,9 +8996,11 @@ static void itn__normal_add(itn__refiner *refiner, itn__refine_view *view, doubl
         }
         for (size_t i = 0; i < (size_t)n * plane && !half; i++)
             refiner->step[i / plane] += (double)view->score[i];
-        for (int k = 0; k < n * n; k++)
-            noise[k] += itn__product(view->score + (size_t)(k / n) * plane,
-                                     view->score + (size_t)(k % n) * plane, NULL, plane);
+        for (int k = 0; k < n * n; k++) {
+            const float *x = view->score + (size_t)(k / n) * plane;
+            const float *y = view->score + (size_t)(k % n) * plane;
+            for (size_t i = 0; i < plane; i++) noise[k] += (double)x[i] * y[i];
+        }
     }
 }
 
@@ -9063,7 +9008,7 @@ static void itn__normal_add(itn__refiner *refiner, itn__refine_view *view, doubl
 static double itn__direction_noise(const itn__refiner *refiner, const double *c, int stride) {
     const itn__refine_view *view = refiner->views, *end = view + refiner->view_count;
     double crossed = 0, squares = 0;
-    for (; view < end; view++) {
+    for (; view < end; view++)
         for (size_t pixel = 0; pixel < view->plane; pixel++) {
             double of_a = 0, of_b = 0, alone = 0;
             for (size_t at = pixel; at < view->pixels; at += view->plane) {
@@ -9079,7 +9024,6 @@ static double itn__direction_noise(const itn__refiner *refiner, const double *c,
             }
             crossed += of_a * of_b, squares += alone * alone / 3; /* E D^4 = 3 V^2 */
         }
-    }
     return 4 * (fmax(crossed, 0) + ITN__BROAD_SQUARES * squares);
 }
 
@@ -9115,24 +9059,19 @@ static void itn__sandwich(const double *l, int row, int column, const double *m,
     }
 }
 
-/* Whether pictures tell an axis. */
-static int itn__tells(const itn__refiner *refiner, int axis) {
-    return refiner->told[axis] > ITN__CERTAIN * refiner->doubt[axis];
-}
-
 /* Covariance of the coordinates: A^-1 N A^-1 along what is told, the prior along the rest. */
 static void itn__normal_covariance(itn__refiner *refiner) {
     const double prior = ITN__PRIOR * ITN__PRIOR;
     double inverse[ITN__MOST_UNKNOWNS], *out = refiner->matrix;
     int n = refiner->count;
     for (int j = 0; j < n; j++) { /* A^-1, made wider by its own noise */
-        double doubt = ITN__CERTAIN * refiner->doubt[j] / refiner->told[j];
-        inverse[j] = !itn__tells(refiner, j) ? 0
-                     : 1 / ((refiner->told[j] + 1 / prior) * sqrt(1 - doubt * doubt));
+        double told = refiner->told[j], doubt = refiner->doubt[j];
+        inverse[j] = told > doubt ? 1 / ((1 + 1 / prior / told) * sqrt(told * told - doubt * doubt))
+                                  : 0;
     }
     for (int k = 0; k < n * n; k++) out[k] = inverse[k / n] * inverse[k % n] * refiner->noise[k];
     for (int j = 0; j < n; j++)
-        out[j * (n + 1)] += inverse[j] > 0 ? inverse[j] * inverse[j] / prior : prior;
+        out[j * (n + 1)] += inverse[j] > 0 ? pow(inverse[j], 2) / prior : prior;
     itn__sandwich(refiner->axes, n, 1, out, n, refiner->covariance);
 }
 
@@ -9143,18 +9082,18 @@ static int itn__normal(itn__refiner *refiner) {
     double *matrix = refiner->matrix, *drawn = refiner->covariance;
     int n = refiner->count;
     size_t square = (size_t)(n * n) * sizeof(double);
-    memset(refiner->step, 0, sizeof refiner->step), memset(matrix, 0, square);
-    memset(refiner->noise, 0, square), memset(drawn, 0, square);
+    memset(matrix, 0, 4 * square); /* of all four, which follow each other */
+    memset(refiner->step, 0, sizeof refiner->step);
     for (; view < end; view++) itn__refine_weigh(refiner, view);
     itn__misfit_of(refiner, 0, &refiner->misfit);
     for (view = refiner->views; view < end; view++) itn__normal_add(refiner, view, drawn);
     for (int k = 0; k < n * n; k++)
         if (!itn__finite(matrix[k]) || !itn__finite(refiner->noise[k])) return 0;
-    if (!itn__finite(refiner->misfit.value) || !itn__finite(refiner->misfit.loss)) return 0;
+    if (!itn__finite(refiner->misfit.value)) return 0;
     itn__eigen(matrix, refiner->axes, n);
     for (int j = 0; j < n; j++) {
         refiner->told[j] = matrix[j * (n + 1)], refiner->right[j] = 0;
-        refiner->doubt[j] = sqrt(itn__direction_noise(refiner, refiner->axes + j, n));
+        refiner->doubt[j] = 3 * sqrt(itn__direction_noise(refiner, refiner->axes + j, n));
         for (int k = 0; k < n; k++)
             refiner->right[j] += refiner->axes[k * n + j] * refiner->step[k];
     }
@@ -9164,11 +9103,11 @@ static int itn__normal(itn__refiner *refiner) {
     refiner->arrived = 1, refiner->drawn = 0;
     for (int j = 0; j < n; j++) {
         double noise = refiner->noise[j * (n + 1)], b = refiner->right[j], share = 1;
-        int told = itn__tells(refiner, j);
+        int told = refiner->told[j] > refiner->doubt[j];
         if (told && b * b > 6 * noise) refiner->arrived = 0;
         if (told && noise > 0) /* else more samples always help */
             share = fmax(matrix[j * (n + 1)] / noise,
-                         pow(ITN__CERTAIN * refiner->doubt[j] / refiner->told[j], 2));
+                         pow(refiner->doubt[j] / refiner->told[j], 2));
         refiner->drawn += share / n;
     }
     itn__normal_covariance(refiner);
@@ -9184,40 +9123,29 @@ static int itn__normal(itn__refiner *refiner) {
    samples are there as are wanted, or nine tenths of the noise are the picture's own.
 
    First all of that happens in pictures of a few thousand paths, reduced to some 24 pixels across.
-   If these end with more misfit than noise explains, that may be the wrong of several valleys:
-   other starts are tried there, along the valley with other g, and the best one goes on. An
-   evaluation there that takes an eighth of all time, because it is of a medium of millions of
-   scatterings, is not made; the search goes on from a thinner one. */
+   If more misfit is left than noise explains, that may be the wrong of several valleys: others are
+   tried there, from starts with another g, and the best one goes on. An evaluation there that takes
+   an eighth of all time (media of millions of scatterings) is broken off. */
 
-enum { ITN__FINAL = 6, ITN__PATIENCE = 32, ITN__COARSE = 24, ITN__COARSE_PATHS = 32768 };
-
-/* so that an int holds PATIENCE times FINAL times spp, and all walks of these camera rays */
-enum { ITN__MOST_FINAL = INT_MAX / 32, ITN__MOST_SPP = 524287 };
-
+/* MOST: an int holds PATIENCE times FINAL times spp, and all walks of these camera rays */
+enum { ITN__FINAL = 6, ITN__PATIENCE = 32, ITN__MOST_FINAL = INT_MAX / 32, ITN__MOST_SPP = 524287 };
+enum { ITN__COARSE = 24, ITN__COARSE_PATHS = 32768 };
 enum { ITN__GOING_ON, ITN__ENDED, ITN__CANCELLED, ITN__TOO_SLOW };
 
 #if defined(__unix__) || defined(__APPLE__)
 #include <sys/time.h>
 #endif
 
-/* Seconds since some moment; whole ones where that is all that C tells. */
+/* Seconds since some moment; of the processor where C tells no others. */
 static double itn__seconds(void) {
 #if defined(__unix__) || defined(__APPLE__)
     struct timeval now;
     if (!gettimeofday(&now, NULL)) return (double)now.tv_sec + 1e-6 * (double)now.tv_usec;
-#elif defined(TIME_UTC) && !defined(__MINGW32__)
-    struct timespec now;
-    if (timespec_get(&now, TIME_UTC)) return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 #endif
-    return (double)time(NULL);
+    return (double)clock() / CLOCKS_PER_SEC; /* on Windows those since the program began */
 }
 
 #define ITN__REJECT(...) itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: " __VA_ARGS__)
-
-/* Seconds that so many samples take, as those since these pictures were first looked at. */
-static double itn__seconds_for(const itn__refiner *refiner, double spp) {
-    return spp * (itn__seconds() - refiner->since) / refiner->work;
-}
 
 /* Tells the caller where the search is, in a render or, after all of them, at a step, and looks at
    the clock. Returns whether the search has ended. */
@@ -9227,11 +9155,10 @@ static int itn__watch(void *user, double fraction) {
     const itn_refine_options *options = &refiner->options;
     double now = itn__seconds(), spent = now - refiner->rendering, most = options->seconds;
     int parts = 2 * refiner->view_count, rendering = refiner->part < parts, heard = 0;
-    double left = itn__seconds_for(refiner, fmax(refiner->final - refiner->known, 0));
+    double left = fmax(refiner->final - refiner->known, 0) * (now - refiner->since) / refiner->work;
     fraction = (refiner->part + fraction) / parts;
     shown->fraction = rendering ? fmin(fraction, .999) : 1, shown->block = refiner->block;
     shown->misfit = refiner->misfit.value, shown->misfit_error = refiner->misfit.error;
-    shown->loss = refiner->misfit.loss;
     shown->theta = refiner->views->theta, shown->values = refiner->values;
     shown->errors = refiner->known ? refiner->value_errors : NULL;
     shown->seconds = now - refiner->begun, shown->expected = fmin(shown->seconds + left, most);
@@ -9274,26 +9201,19 @@ static void itn__focus(itn__refiner *refiner, int block) {
         const itn_film_desc *film = &view->scene->film;
         size_t channels = (size_t)film->channels;
         const float *variance = view->given->target_variance;
-        double sum = 0, counted = 0;
+        int masked = 0, noisy = 0;
         for (size_t i = 0; i < (size_t)film->width * (size_t)film->height * channels; i++) {
             int counts = !variance || variance[i] < INFINITY;
             view->target[i] = counts ? view->given->target[i] : 0;
             view->target_variance[i] = variance ? variance[i] / (float)(block * block) : 0;
+            masked |= !counts, noisy |= counts && view->target_variance[i] > 0;
         }
+        view->noise_unknown = !variance || (masked && !noisy);
         view->width = film->width / block, view->height = film->height / block;
         view->plane = (size_t)view->width * (size_t)view->height;
         view->pixels = view->plane * channels;
         itn__reduce(refiner, view, view->target, channels);
         itn__reduce(refiner, view, view->target_variance, channels);
-        for (size_t i = 0; i < view->pixels; i++)
-            if (itn__counts(view, i)) sum += (double)view->target_variance[i], counted++;
-        view->noise_unknown = !variance || (sum == 0 && counted < (double)view->pixels);
-        for (size_t i = 0; i < view->pixels; i++) /* what does not count has the mean, meanwhile */
-            view->spare[i] = itn__counts(view, i) ? view->target_variance[i]
-                                                  : (float)(sum / fmax(counted, 1));
-        itn__around(view, view->spare, view->scale);
-        for (size_t i = 0; i < view->pixels; i++)
-            if (itn__counts(view, i)) view->target_variance[i] = itn__max(view->scale[i], 0);
     }
 }
 
@@ -9302,19 +9222,16 @@ static void itn__refine_solve(itn__refiner *refiner, double radius) {
     int n = refiner->count;
     memset(refiner->step, 0, sizeof refiner->step);
     for (int j = 0; j < n; j++) {
-        double b = refiner->right[j], told = refiner->told[j];
-        if (!itn__tells(refiner, j)) {
-            if (b * b < 4 * refiner->noise[j * (n + 1)]) continue;
-            told = fmax(told, 0) + 1.5 * refiner->doubt[j];
-        }
+        double b = refiner->right[j], told = refiner->told[j], doubt = refiner->doubt[j];
+        if (told <= doubt && b * b < 4 * refiner->noise[j * (n + 1)]) continue;
+        if (told <= doubt) told = fmax(told, 0) + .5 * doubt;
         double along = fmax(-radius, fmin(b / (told + 1 / (ITN__PRIOR * ITN__PRIOR)), radius));
         for (int k = 0; k < n; k++) refiner->step[k] += along * refiner->axes[k * n + j];
     }
 }
 
-/* Averages the last evaluation with what is known, moved from `before` to the present point by its
-   derivatives. That by d makes an error of about d^2/2: if it is more than a tenth of a standard
-   error, the last one replaces what is known. */
+/* Averages the last evaluation with what is known, moved by d from `before` to the present point.
+   Where the error of that, about d^2/2, exceeds a tenth of a standard error, it replaces it. */
 static void itn__refine_learn(itn__refiner *refiner) {
     int n = refiner->count, together = refiner->known > 0;
     double d[ITN__MOST_UNKNOWNS];
@@ -9348,31 +9265,17 @@ static void itn__value_errors(itn__refiner *refiner) {
 static int itn__next_spp(itn__refiner *refiner, int last) {
     int known = refiner->arrived ? refiner->known : 0, wanted = refiner->final - known;
     double spp = last ? wanted : fmin(known ? known : refiner->spp, wanted);
-    double left = refiner->begun + refiner->options.seconds - itn__seconds();
-    double most = left / fmax(itn__seconds_for(refiner, 1), 1e-9);
+    double now = itn__seconds(), left = refiner->begun + refiner->options.seconds - now;
+    double most = left * refiner->work / fmax(now - refiner->since, 1e-9);
     if (spp > most && most < 2 && !refiner->ended) refiner->ended = ITN__ENDED;
     return (int)fmax(2, fmin(spp, most));
 }
 
-/* Whether more samples may tell what is not told well, by what is known so far; it takes a first
-   few to know. */
-static int itn__wants_more(const itn__refiner *refiner) {
-    int twice = 2 * refiner->final, most = refiner->most;
-    for (int j = 0; j < refiner->count && twice <= most; j++) {
-        double told = refiner->told[j], doubt = ITN__CERTAIN * refiner->doubt[j];
-        if (told < 1.5 * doubt && (2 * twice <= most || told * most > doubt * refiner->known))
-            return 1;
-    }
-    return 0;
-}
-
-/* Goes back from a point where the misfit is larger or evaluations take too long; from a first one
-   to media a tenth as dense. */
+/* Goes back to the point before; from a first one to media a tenth as dense. */
 static void itn__retreat(itn__refiner *refiner) {
-    for (int k = 0; k < refiner->count && !refiner->known; k++) {
-        int dense = refiner->parameters[k]->transform == ITN_LOG;
-        refiner->before[k] = refiner->coordinates[k] - (dense ? log(10.) : 0);
-    }
+    for (int k = 0; k < refiner->count && !refiner->known; k++)
+        refiner->before[k] = refiner->coordinates[k] -
+                             (refiner->parameters[k]->transform == ITN_LOG ? log(10.) : 0);
     itn__refine_set(refiner, refiner->before);
     refiner->ended = ITN__GOING_ON;
 }
@@ -9393,14 +9296,18 @@ static itn_result itn__gauss_newton(itn__refiner *refiner, int spp, int most, it
         if (back) itn__retreat(refiner), radius /= 4;
         else itn__refine_learn(refiner), radius = fmin(1, 2 * radius);
         if (!refiner->known) continue;
-        if (!itn__normal(refiner))
-            return ITN__REJECT("squares of the image's values are too large for a float");
+        if (!itn__normal(refiner)) return ITN__REJECT("squares of values are too large for floats");
         itn__refine_solve(refiner, radius);
         itn__value_errors(refiner), refiner->part = 2 * refiner->view_count;
         itn__watch(refiner, 0), refiner->shown.iteration++;
         done = refiner->arrived && !back &&
                (refiner->known >= refiner->final || refiner->drawn < .1);
-        if (done && itn__wants_more(refiner)) refiner->final *= 2, most = steps + 3, done = 0;
+        for (int j = 0; j < refiner->count && done && 2 * refiner->final <= refiner->most; j++) {
+            double told = refiner->told[j], doubt = refiner->doubt[j]; /* will more samples tell? */
+            if (told < 1.5 * doubt && (4 * refiner->final <= refiner->most ||
+                                       told * refiner->most > doubt * refiner->known))
+                refiner->final *= 2, most = steps + 3, done = 0;
+        }
         spp = itn__next_spp(refiner, steps + 1 >= most);
         memcpy(refiner->before, refiner->coordinates, sizeof there);
         for (int k = 0; k < refiner->count; k++) there[k] = refiner->before[k] + refiner->step[k];
@@ -9409,31 +9316,22 @@ static itn_result itn__gauss_newton(itn__refiner *refiner, int spp, int most, it
     return ITN_OK;
 }
 
-/* The most that pixels can be put together so that whole blocks fill all films, with at least so
-   many pixels across. */
-static int itn__coarse_block(const itn__refiner *refiner) {
-    int block = 1024;
-    for (int v = 0; v < refiner->view_count && block > 1; v++) {
-        const itn_film_desc *film = &refiner->views[v].scene->film;
-        double least = (double)(ITN__COARSE * ITN__COARSE) * block * block;
-        if (film->width % block || film->height % block ||
-            (double)film->width * film->height < least)
-            block--, v = -1; /* all of them anew */
-    }
-    return block;
-}
-
 /* Searches in reduced pictures, if there is misfit left from other starts, too, along the valleys
    of the given one and of the best; then from the best point in whole ones. */
 static itn_result itn__refine_search(itn__refiner *refiner, itn_error *error) {
     double start[ITN__MOST_UNKNOWNS], there[ITN__MOST_UNKNOWNS], best[ITN__MOST_UNKNOWNS];
     const itn_refine_options *options = &refiner->options;
-    int block = itn__coarse_block(refiner), here = 1;
     itn__misfit least = ITN_ZERO, *now = &refiner->misfit;
     itn_result result = ITN_OK;
     double paths = 0;
-    for (int v = 0; v < refiner->view_count; v++)
-        paths += (double)refiner->views[v].scene->film.width * refiner->views[v].scene->film.height;
+    int block = 1024, here = 1; /* whole blocks fill all films, with so many across */
+    for (int v = 0; v < refiner->view_count;) {
+        const itn_film_desc *film = &refiner->views[v].scene->film;
+        double pixels = (double)film->width * film->height, across = (double)ITN__COARSE * block;
+        int fits = film->width % block + film->height % block == 0 && pixels >= across * across;
+        if (fits || block == 1) paths += pixels, v++;
+        else block--, v = 0, paths = 0;
+    }
     int spp = (int)fmax(2, fmin(options->spp, (double)ITN__COARSE_PATHS / paths));
     refiner->coarse = 1;
     memcpy(start, refiner->coordinates, sizeof start), memcpy(best, start, sizeof best);
@@ -9466,9 +9364,8 @@ static itn_result itn__refine_search(itn__refiner *refiner, itn_error *error) {
 
 /* ---- [estimates] values, error bars, and what they mean in words ----------------------------- */
 
-/* In the end the covariance goes over from coordinates to values by G. Where the search was not
-   over, the step that was left counts as an error. A misfit clearly above 1 means that the scene is
-   not that of the picture: errors are then sqrt(misfit) times as large, and it is said. */
+/* In the end the covariance goes over from coordinates to values by G; a step that was left counts
+   as an error. A misfit clearly above 1 makes errors sqrt(misfit) times as large, and is told. */
 
 /* Checks a view's picture. */
 static itn_result itn__view_check(const itn_view *given, int index, itn_error *error) {
@@ -9480,8 +9377,7 @@ static itn_result itn__view_check(const itn_view *given, int index, itn_error *e
         double value = (double)given->target[i];
         int counts = variance < INFINITY;
         const char *bad = !(variance >= 0) ? "target_variance is NaN or below 0"
-                          : counts && !itn__finite(value) ? "target is not finite"
-                          : counts && fabs(value) > 1e18 ? "target is beyond 1e18" : NULL;
+                          : counts && !(fabs(value) < 1e18) ? "target is NaN or beyond 1e18" : NULL;
         if (bad) return ITN__REJECT("view %d: %s at pixel %d", index, bad, (int)(i % plane));
         if (counts) sum += value * value, counted++;
     }
@@ -9491,50 +9387,39 @@ static itn_result itn__view_check(const itn_view *given, int index, itn_error *e
                        sum / counted);
 }
 
-/* Finds which of the unknowns a view has, as which parameters. */
-static itn_result itn__view_unknowns(itn__refiner *refiner, itn__refine_view *view, int index,
-                                     itn_error *error) {
+/* Finds which of the unknowns a view has, as which parameters, and the g of every sigma_t and
+   albedo; allocates its arrays, as one block that begins with theta, and fills theta in. */
+static itn_result itn__view_begin(itn__refiner *refiner, int index, const float *values,
+                                  itn_error *error) {
+    itn__refine_view *view = &refiner->views[index];
+    const itn_film_desc *film = &view->scene->film;
+    size_t pixels = (size_t)film->width * (size_t)film->height * (size_t)film->channels;
+    size_t n = (size_t)refiner->count, own = (size_t)view->scene->parameter_count;
     for (int k = 0; k < refiner->count; k++) {
-        int own = view->given->parameters[k];
-        const itn_parameter *p = itn_parameter_get(view->scene, own), *first;
-        if (!p && own != -1) return ITN__REJECT("view %d has no parameter %d", index, own);
+        int asked = view->given->parameters[k];
+        const itn_parameter *p = itn_parameter_get(view->scene, asked), *first;
+        if (!p && asked != -1) return ITN__REJECT("view %d has no parameter %d", index, asked);
         if (!p) continue;
         first = refiner->parameters[k] ? refiner->parameters[k] : p, refiner->parameters[k] = first;
         if (p->transform != first->transform || p->lower != first->lower ||
             p->upper != first->upper)
             return ITN__REJECT("%s of view %d has not the bounds of %s of the first", p->name,
                                index, first->name);
-        view->parameters[view->asked] = own, view->unknowns[view->asked++] = k;
+        view->parameters[view->asked] = asked, view->unknowns[view->asked++] = k;
     }
-    return view->asked ? ITN_OK : ITN__REJECT("view %d has none of the unknowns", index);
-}
-
-/* Finds the g of every sigma_t and albedo; of what is one in all channels, that of the last. */
-static void itn__find_valleys(itn__refiner *refiner, const itn__refine_view *view) {
-    int channels = view->scene->film.channels;
-    for (int m = 0; m < view->scene->medium_count * channels; m++) {
-        const itn__medium *medium = &view->scene->media[m / channels];
-        int c = m % channels;
-        for (int k = 0; k < view->asked * view->asked; k++) {
-            int g = k / view->asked, other = k % view->asked, p = view->parameters[other];
-            if (view->parameters[g] == medium->g[c] &&
-                (p == medium->sigma_t[c] || p == medium->albedo + c))
-                refiner->g[view->unknowns[other]] = view->unknowns[g];
+    if (!view->asked) return ITN__REJECT("view %d has none of the unknowns", index);
+    for (int m = 0; m < view->scene->medium_count * film->channels; m++) {
+        const itn__medium *medium = &view->scene->media[m / film->channels];
+        int c = m % film->channels;
+        for (int k = 0; k < refiner->count * refiner->count; k++) {
+            int p = view->given->parameters[k / refiner->count], other = k % refiner->count;
+            if ((p == medium->sigma_t[c] || p == medium->albedo + c) &&
+                view->given->parameters[other] == medium->g[c])
+                refiner->g[k / refiner->count] = other;
         }
     }
-}
-
-/* Allocates a view's arrays, as one block that begins with theta, and fills theta in. */
-static itn_result itn__view_begin(itn__refiner *refiner, itn__refine_view *view, int index,
-                                  const float *values, itn_error *error) {
-    const itn_film_desc *film = &view->scene->film;
-    size_t pixels = (size_t)film->width * (size_t)film->height * (size_t)film->channels;
-    size_t n = (size_t)refiner->count, own = (size_t)view->scene->parameter_count;
-    itn_error why;
-    itn_result result = itn__view_unknowns(refiner, view, index, error);
-    if (result) return result;
-    float *at = (float *)itn__allocate(&view->scene->context, own + (14 + 7 * n) * pixels,
-                                       sizeof(float));
+    float *at = (float *)itn__allocate(&refiner->views->scene->context, own + pixels,
+                                       (14 + 7 * n) * sizeof(float)); /* more than enough */
     if (!at) return itn__out_of_memory(error, "itn_refine");
     view->theta = at, view->target = at + own, view->target_variance = view->target + pixels;
     view->scale = view->target_variance + pixels, view->spare = view->scale + pixels;
@@ -9547,9 +9432,7 @@ static itn_result itn__view_begin(itn__refiner *refiner, itn__refine_view *view,
     if (view->given->theta) memcpy(view->theta, view->given->theta, own * sizeof(float));
     for (int k = 0; k < view->asked; k++)
         view->theta[view->parameters[k]] = values[view->unknowns[k]];
-    result = itn__check_theta(view->scene, view->theta, &why);
-    if (!result) return ITN_OK;
-    return itn__fail(error, result, 0, "itn_refine: view %d: %s", index, why.message);
+    return itn__check_theta(view->scene, view->theta, error);
 }
 
 /* Allocates, and finds where the search starts. */
@@ -9557,20 +9440,19 @@ static ITN__COLD itn_result itn__refine_begin(itn__refiner *refiner, const itn_v
                                               const float *values, itn_error *error) {
     size_t n = (size_t)refiner->count;
     double start[ITN__MOST_UNKNOWNS];
-    refiner->views = (itn__refine_view *)itn__allocate(
-        refiner->context, (size_t)refiner->view_count, sizeof *refiner->views);
-    refiner->turn = (double *)itn__allocate(refiner->context, 5 * n * n, sizeof(double));
+    const itn_context *context = &views->scene->context;
+    refiner->views = (itn__refine_view *)itn__allocate(context, (size_t)refiner->view_count,
+                                                       sizeof *refiner->views);
+    refiner->turn = (double *)itn__allocate(context, 5 * n * n, sizeof(double));
     if (!refiner->views || !refiner->turn) return itn__out_of_memory(error, "itn_refine");
     refiner->matrix = refiner->turn + n * n, refiner->axes = refiner->matrix + n * n;
     refiner->noise = refiner->axes + n * n, refiner->covariance = refiner->noise + n * n;
     for (int k = 0; k < refiner->count; k++) refiner->g[k] = -1;
     for (int v = 0; v < refiner->view_count; v++) {
-        itn__refine_view *view = &refiner->views[v];
-        view->given = &views[v], view->scene = views[v].scene;
+        refiner->views[v].given = &views[v], refiner->views[v].scene = views[v].scene;
         itn_result result = itn__view_check(&views[v], v, error);
-        if (!result) result = itn__view_begin(refiner, view, v, values, error);
+        if (!result) result = itn__view_begin(refiner, v, values, error);
         if (result) return result;
-        itn__find_valleys(refiner, view);
     }
     for (int k = 0; k < refiner->count; k++) {
         if (!refiner->parameters[k]) return ITN__REJECT("no view has unknown %d", k);
@@ -9579,13 +9461,6 @@ static ITN__COLD itn_result itn__refine_begin(itn__refiner *refiner, const itn_v
     itn__along_valley(refiner, start, 1);
     itn__refine_set(refiner, start);
     return ITN_OK;
-}
-
-static void itn__refine_end(itn__refiner *refiner) {
-    for (int v = 0; refiner->views && v < refiner->view_count && refiner->views[v].scene; v++)
-        itn__free(&refiner->views[v].scene->context, refiner->views[v].theta);
-    itn__free(refiner->context, refiner->turn);
-    itn__free(refiner->context, refiner->views);
 }
 
 /* Estimates at the present point, from what is known. */
@@ -9608,31 +9483,17 @@ static void itn__refine_estimate(itn__refiner *refiner, itn_estimate *estimates,
     for (int k = 0; k < n; k++) {
         itn_estimate *e = &estimates[k];
         e->value = refiner->values[k], e->standard_error = refiner->value_errors[k];
-        e->determined = e->standard_error <
-                        ITN__HARDLY * itn_parameter_slope(refiner->parameters[k], e->value);
+        double slope = itn_parameter_slope(refiner->parameters[k], e->value);
+        e->determined = e->standard_error < .5 * slope;
     }
-}
-
-/* Fills in the defaults of the options. Returns what is wrong with these, or NULL. */
-static const char *itn__refine_options_fill(itn_refine_options *options) {
-    if (options->spp == 0) options->spp = 64;
-    if (options->iterations == 0) options->iterations = 20;
-    if (options->seconds == 0) options->seconds = 60;
-    if (options->spp < 2 || options->spp > ITN__MOST_SPP) return "spp is not 2 to 524287";
-    if (options->final_spp < 0 || options->final_spp > ITN__MOST_FINAL)
-        return "final_spp is not 0 to 67108863";
-    if (options->iterations < 0 || options->iterations > INT_MAX - 4 || options->max_scatter < 0)
-        return "iterations or max_scatter are below 0 or too many";
-    if (!(options->seconds > 0)) return "seconds are not above 0";
-    return options->target_variance ? "target_variance belongs into the views" : NULL;
 }
 
 ITN_API ITN__COLD itn_result itn_refine_views(const itn_view *views, int view_count, float *values,
                                               int count, const itn_refine_options *options,
                                               itn_estimate *estimates, itn_error *error) {
     itn__refiner refiner;
+    itn_refine_options *asked = &refiner.options;
     itn_refine_outcome outcome = ITN_ZERO;
-    size_t n = (size_t)count;
     if (!views || !values || !estimates || view_count < 1 || count < 1 ||
         count > ITN__MOST_UNKNOWNS)
         return ITN__REJECT("NULL argument, count %d or view_count %d", count, view_count);
@@ -9641,10 +9502,18 @@ ITN_API ITN__COLD itn_result itn_refine_views(const itn_view *views, int view_co
             return ITN__REJECT("scene, target or parameters of view %d is NULL", v);
     memset(&refiner, 0, sizeof refiner);
     refiner.view_count = view_count, refiner.count = count;
-    refiner.context = &views->scene->context;
-    if (options) refiner.options = *options;
-    const char *bad = itn__refine_options_fill(&refiner.options);
-    if (bad) return ITN__REJECT("%s", bad);
+    if (options) *asked = *options;
+    if (asked->spp == 0) asked->spp = 64;
+    if (asked->iterations == 0) asked->iterations = 20;
+    if (asked->seconds == 0) asked->seconds = 60;
+    if (asked->spp < 2 || asked->spp > ITN__MOST_SPP)
+        return ITN__REJECT("spp is not 2 to %d", ITN__MOST_SPP);
+    if (asked->final_spp < 0 || asked->final_spp > ITN__MOST_FINAL)
+        return ITN__REJECT("final_spp is not 0 to %d", ITN__MOST_FINAL);
+    if (asked->iterations < 0 || asked->iterations > INT_MAX - 4 || asked->max_scatter < 0)
+        return ITN__REJECT("iterations or max_scatter are below 0 or too many");
+    if (!(asked->seconds > 0)) return ITN__REJECT("seconds are not above 0");
+    if (asked->target_variance) return ITN__REJECT("target_variance belongs into the views");
     refiner.begun = itn__seconds();
     itn_result result = itn__refine_begin(&refiner, views, values, error);
     if (!result) result = itn__refine_search(&refiner, error);
@@ -9652,12 +9521,15 @@ ITN_API ITN__COLD itn_result itn_refine_views(const itn_view *views, int view_co
         result = itn__fail(error, ITN_ERROR_CANCELLED, 0, "itn_refine: cancelled");
     if (!result) {
         itn__refine_estimate(&refiner, estimates, &outcome);
-        memcpy(values, refiner.values, n * sizeof *values);
-        if (refiner.options.outcome) *refiner.options.outcome = outcome;
-        if (refiner.options.covariance)
-            memcpy(refiner.options.covariance, refiner.matrix, n * n * sizeof(double));
+        memcpy(values, refiner.values, (size_t)count * sizeof *values);
+        if (asked->outcome) *asked->outcome = outcome;
+        for (int k = 0; k < count * count && asked->covariance; k++)
+            asked->covariance[k] = refiner.matrix[k];
     }
-    itn__refine_end(&refiner);
+    for (int v = 0; refiner.views && v < view_count; v++)
+        itn__free(&views->scene->context, refiner.views[v].theta);
+    itn__free(&views->scene->context, refiner.turn);
+    itn__free(&views->scene->context, refiner.views);
     return result;
 }
 
@@ -9680,41 +9552,74 @@ ITN_API itn_result itn_refine(const itn_scene *scene, float *theta, const float 
     return result;
 }
 
-/* Words. With values in logarithms (of sigma_t; of 1 - g or 1 - albedo, which is what the pictures
-   of a dense medium depend on; in a logit below its middle, of the value itself), a small change of
-   a product of powers is a scalar product, and the eigenvectors of the covariance are the products
-   that the pictures tell, from the least to the most. */
+/* Words. In logarithms (of 1 - g and 1 - albedo, on which pictures of a dense medium depend), a
+   small change of a product of powers is a scalar product, and eigenvectors of the covariance are
+   the products that the pictures tell, from the least to the most. */
 
-enum { ITN__MOST_WORDS = 32 };
+enum { ITN__MOST_WORDS = 32, ITN__MOST_PAIRS = ITN__MOST_WORDS * ITN__MOST_WORDS };
 
-/* d logarithm / d value of a parameter; below 0 where that is of one minus it. */
-static double itn__power_of(const itn_parameter *p, double value) {
-    if (p->transform == ITN_LOGIT && fabs(p->upper - 1) < .01 && (p->lower < 0 || value > .5))
-        return -1 / fmax(1 - value, 1e-6);
-    if (p->transform == ITN_LOG) return 1 / itn_parameter_slope(p, value);
-    return 1 / fmax(fabs(value), 1e-6 * fmin((double)p->upper, 1));
-}
-
-/* What is to be told of the unknowns; covariance: of their logarithms. */
-typedef struct itn__wording {
-    const itn_parameter *const *parameters;
-    const itn_estimate *estimates;
-    double powers[ITN__MOST_WORDS], covariance[ITN__MOST_WORDS * ITN__MOST_WORDS];
-    int count;
-    itn__prose prose;
-} itn__wording;
-
-/* Groups unknowns that stand in for each other: of a variance more than ten times that which they
-   would have if the rest were known, 1 / (covariance^-1)_kk, and correlated. group: of each, the
-   first of those in it. */
-static void itn__find_groups(const itn__wording *words, int *group) {
-    double a[ITN__MOST_WORDS * ITN__MOST_WORDS], v[ITN__MOST_WORDS * ITN__MOST_WORDS];
-    const double *c = words->covariance;
-    int n = words->count, tangled[ITN__MOST_WORDS];
-    memcpy(a, c, sizeof a);
-    for (int i = 0; i < n; i++) a[i * n + i] *= 1 + 1e-9;
+/* The line of a group of unknowns, or of one: what is known best is the product of powers of the
+   smallest eigenvalue, its largest power 1. a: covariance of logarithms, which does not stay;
+   powers: d logarithm / d value. */
+static void itn__say_group(itn__prose *prose, const itn_parameter *const *p, const itn_estimate *e,
+                           const double *powers, double *a, int n) {
+    double v[ITN__MOST_PAIRS], most = 0;
+    int best = 0, each = 1; /* whether each is determined by itself, too */
     itn__eigen(a, v, n);
     for (int i = 0; i < n; i++) {
+        each &= e[i].determined;
+        if (a[i * n + i] < a[best * n + best]) best = i;
+        itn__say(prose, "%s%s", i == 0 ? "" : i == n - 1 ? " and " : ", ", p[i]->name);
+    }
+    if (n == 1) itn__say(prose, " is %sdetermined:", each ? "" : "hardly ");
+    else itn__say(prose, " are determined%s together:", each ? ", best" : " only");
+    for (int i = 0; i < n; i++)
+        if (fabs(v[i * n + best]) > fabs(most)) most = v[i * n + best];
+    for (int i = 0; i < n && n > 1; i++) {
+        double power = v[i * n + best] / most;
+        if (fabs(power) < .005) continue;
+        itn__say(prose, powers[i] < 0 ? " (1-%s)" : " %s", p[i]->name);
+        if (fabs(power - 1) > .005) itn__say(prose, "^%.3g", power);
+    }
+    if (n > 1)
+        itn__say(prose, each ? " to %.2g %%;" : " to %.2g %%, but",
+                 100 * sqrt(fmax(a[best * n + best], 0)) / fabs(most));
+    for (int i = 0; i < n; i++) {
+        int relative = p[i]->transform == ITN_LOG && e[i].value > 0;
+        if (n > 1) itn__say(prose, "%s %s alone", i ? "," : "", p[i]->name);
+        itn__say(prose, relative ? " to %.2g %%" : " to +-%.2g",
+                 e[i].standard_error * (relative ? 100 / e[i].value : 1));
+    }
+    itn__say(prose, "\n");
+}
+
+/* Unknowns that stand in for each other are a group: their errors correlate by more than .4, and
+   would be three times smaller if the rest were known: the variance inflation factor c_kk (c^-1)_kk
+   is 10 (Belsley, Kuh and Welsch 1980). c: covariance of their logarithms. */
+ITN_API ITN__COLD int itn_refine_words(const itn_parameter *const *parameters, int count,
+                                       const itn_estimate *estimates, const double *covariance,
+                                       const itn_refine_outcome *outcome, char *text, size_t size) {
+    double c[ITN__MOST_PAIRS], a[ITN__MOST_PAIRS], v[ITN__MOST_PAIRS], powers[ITN__MOST_WORDS];
+    int n = count, group[ITN__MOST_WORDS], tangled[ITN__MOST_WORDS], in[ITN__MOST_WORDS];
+    itn__prose prose = {text, size, 0};
+    if (!parameters || !estimates || !covariance || n < 1 || n > ITN__MOST_WORDS ||
+        (!text && size > 0))
+        return -1;
+    for (int k = 0; k < n; k++) {
+        const itn_parameter *p = parameters[k];
+        double value = estimates[k].value, error = estimates[k].standard_error;
+        if (!p || !itn__finite(value) || !(error >= 0) || !itn__finite(error)) return -1;
+        int rest = p->transform == ITN_LOGIT && fabs(p->upper - 1) < .01 &&
+                   (p->lower < 0 || value > .5); /* of 1 - value */
+        powers[k] = rest ? -1 / fmax(1 - value, 1e-6) : 1 / fmax(fabs(value), 1e-30);
+    }
+    for (int k = 0; k < n * n; k++) {
+        c[k] = covariance[k] * powers[k / n] * powers[k % n];
+        a[k] = c[k] * (k % (n + 1) ? 1 : 1 + 1e-9);
+        if (!itn__finite(c[k])) return -1;
+    }
+    itn__eigen(a, v, n);
+    for (int i = 0; i < n; i++) { /* group: of each, the first of those in it */
         double inverse = 0;
         for (int j = 0; j < n; j++) inverse += v[i * n + j] * v[i * n + j] / a[j * n + j];
         tangled[i] = inverse * c[i * n + i] > 10, group[i] = i;
@@ -9722,94 +9627,29 @@ static void itn__find_groups(const itn__wording *words, int *group) {
             if (tangled[j] && c[i * n + j] * c[i * n + j] > .16 * c[i * n + i] * c[j * n + j])
                 group[i] = group[j];
     }
-}
-
-/* The product of powers of the unknowns in a group that is known best, of the smallest eigenvalue;
-   the largest power is 1. Returns its error. */
-static double itn__say_product(itn__wording *words, const int *in, int n) {
-    double a[ITN__MOST_WORDS * ITN__MOST_WORDS], v[ITN__MOST_WORDS * ITN__MOST_WORDS], most = 0;
-    int best = 0;
-    for (int k = 0; k < n * n; k++) a[k] = words->covariance[in[k / n] * words->count + in[k % n]];
-    itn__eigen(a, v, n);
-    for (int i = 0; i < n; i++)
-        if (a[i * n + i] < a[best * n + best]) best = i;
-    for (int i = 0; i < n; i++)
-        if (fabs(v[i * n + best]) > fabs(most)) most = v[i * n + best];
-    for (int i = 0; i < n; i++) {
-        double power = v[i * n + best] / most;
-        if (fabs(power) < .005) continue;
-        itn__say(&words->prose, words->powers[in[i]] < 0 ? " (1-%s)" : " %s",
-                 words->parameters[in[i]]->name);
-        if (fabs(power - 1) > .005) itn__say(&words->prose, "^%.3g", power);
-    }
-    return sqrt(fmax(a[best * n + best], 0)) / fabs(most);
-}
-
-/* The line of the unknowns in a group, or of one that is told by itself. */
-static void itn__say_group(itn__wording *words, const int *in, int n) {
-    itn__prose *prose = &words->prose;
-    int each = 1; /* whether each is determined by itself, too */
-    for (int i = 0; i < n; i++) {
-        each &= words->estimates[in[i]].determined;
-        itn__say(prose, "%s%s", i == 0 ? "" : i == n - 1 ? " and " : ", ",
-                 words->parameters[in[i]]->name);
-    }
-    if (n == 1) {
-        itn__say(prose, each ? " is determined:" : " is hardly determined:");
-    } else {
-        itn__say(prose, " are determined%s together:", each ? ", best" : " only");
-        itn__say(prose, each ? " to %.2g %%;" : " to %.2g %%, but",
-                 100 * itn__say_product(words, in, n));
-    }
-    for (int i = 0; i < n; i++) {
-        const itn_estimate *e = &words->estimates[in[i]];
-        int relative = words->parameters[in[i]]->transform == ITN_LOG && e->value > 0;
-        if (n > 1)
-            itn__say(prose, "%s %s alone", i ? "," : "", words->parameters[in[i]]->name);
-        itn__say(prose, relative ? " to %.2g %%" : " to +-%.2g",
-                 relative ? 100 * e->standard_error / e->value : e->standard_error);
-    }
-    itn__say(prose, "\n");
-}
-
-ITN_API ITN__COLD int itn_refine_words(const itn_parameter *const *parameters, int count,
-                                       const itn_estimate *estimates, const double *covariance,
-                                       const itn_refine_outcome *outcome, char *text, size_t size) {
-    int group[ITN__MOST_WORDS], in[ITN__MOST_WORDS];
-    itn__wording words = {parameters, estimates, ITN_ZERO, ITN_ZERO, count, {text, size, 0}};
-    if (!parameters || !estimates || !covariance || count < 1 || count > ITN__MOST_WORDS ||
-        (!text && size > 0))
-        return -1;
-    for (int k = 0; k < count; k++) {
-        const itn_estimate *e = &estimates[k];
-        if (!parameters[k] || !itn__finite(e->value) || !(e->standard_error >= 0) ||
-            !itn__finite(e->standard_error))
-            return -1;
-        words.powers[k] = itn__power_of(parameters[k], e->value);
-    }
-    for (int k = 0; k < count * count; k++) {
-        words.covariance[k] = covariance[k] * words.powers[k / count] * words.powers[k % count];
-        if (!itn__finite(words.covariance[k])) return -1;
-    }
-    if (size > 0) text[0] = 0;
-    itn__find_groups(&words, group);
-    for (int k = 0; k < 2 * count; k++) { /* first those that are told by themselves */
-        int n = 0;
-        for (int l = 0; l < count; l++)
-            if (group[l] == k % count) in[n++] = l;
-        if (n > 0 && (n > 1) == (k >= count)) itn__say_group(&words, in, n);
+    for (int k = 0; k < 2 * n; k++) { /* first those that are told by themselves */
+        const itn_parameter *p[ITN__MOST_WORDS];
+        itn_estimate e[ITN__MOST_WORDS];
+        double d[ITN__MOST_WORDS];
+        int m = 0;
+        for (int i = 0; i < n; i++) {
+            if (group[i] != k % n) continue;
+            p[m] = parameters[i], e[m] = estimates[i], d[m] = powers[i], in[m++] = i;
+        }
+        for (int i = 0; i < m * m; i++) a[i] = c[in[i / m] * n + in[i % m]];
+        if (m > 0 && (m > 1) == (k >= n)) itn__say_group(&prose, p, e, d, a, m);
     }
     if (outcome && !outcome->explained)
-        itn__say(&words.prose, "warning: the pictures differ from the scene %.3g times more than "
-                 "noise explains (misfit %.3g): do not rely on these values. Suspect the exposure "
-                 "(seek film.exposure) or a light's scale, what is behind the object (give the "
-                 "film a background, or mask it), where camera and object are (compare outlines), "
-                 "an index of refraction (try others); or try another start\n",
+        itn__say(&prose, "warning: the pictures differ from the scene %.3g times more than noise "
+                 "explains (misfit %.3g): do not rely on these values. Suspect the exposure (seek "
+                 "film.exposure) or a light's scale, what is behind the object (give the film a "
+                 "background, or mask it), where camera and object are (compare outlines), an "
+                 "index of refraction (try others); or try another start\n",
                  sqrt(outcome->misfit), outcome->misfit);
     if (outcome && !outcome->finished)
-        itn__say(&words.prose, "note: the search was not over after %.2g s; more time or "
-                 "iterations may make the errors smaller\n", outcome->seconds);
-    return (int)words.prose.length;
+        itn__say(&prose, "note: the search was not over after %.2g s; more time or iterations may "
+                 "make the errors smaller\n", outcome->seconds);
+    return (int)prose.length;
 }
 
 /* ---- [files] bytes in, bytes out ------------------------------------------------------------- */

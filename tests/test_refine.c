@@ -136,10 +136,17 @@ static void begin_search(itn__refiner *refiner, const itn_view *view, int count,
                          const float *values, int spp) {
     itn_error error;
     memset(refiner, 0, sizeof *refiner);
-    refiner->view_count = 1, refiner->count = count, refiner->context = &view->scene->context;
+    refiner->view_count = 1, refiner->count = count;
     refiner->options.spp = refiner->final = spp, refiner->options.seconds = 1e300;
     stage_need(itn__refine_begin(refiner, view, values, &error), &error);
     itn__focus(refiner, 1);
+}
+
+static void end_search(itn__refiner *refiner) {
+    const itn_context *context = &refiner->views->scene->context;
+    itn__free(context, refiner->views->theta);
+    itn__free(context, refiner->turn);
+    itn__free(context, refiner->views);
 }
 
 /* A step past the bound of sigma_t ends on it, in similarity coordinates, too: a search that took
@@ -171,8 +178,16 @@ static void test_held(double past, double expected) {
     itn__along_valley(&refiner, reached, -1);
     for (k = 0; k < 3; k++) CHECK_NEAR(reached[k], wanted[k], 1e-9);
     CHECK(refiner.values[0] <= refiner.parameters[0]->upper);
-    itn__refine_end(&refiner);
+    end_search(&refiner);
     itn_scene_free(scene);
+}
+
+/* The values at coordinates, which become transformed ones. */
+static void values_at(const itn__refiner *refiner, double *coordinates, double *values) {
+    int k;
+    itn__along_valley(refiner, coordinates, -1);
+    for (k = 0; k < refiner->count; k++)
+        values[k] = itn_parameter_from_coordinate(refiner->parameters[k], coordinates[k]);
 }
 
 /* Similarity coordinates of a medium with three albedos: there and back; what stays along the
@@ -203,9 +218,9 @@ static void test_similarity(double planted) {
     }
     for (k = 0; k < N; k++) { /* column k of G: what a step in coordinate k changes */
         memcpy(turned, refiner.coordinates, sizeof turned);
-        turned[k] += h, itn__refine_values(&refiner, turned, up);
+        turned[k] += h, values_at(&refiner, turned, up);
         memcpy(turned, refiner.coordinates, sizeof turned);
-        turned[k] -= h, itn__refine_values(&refiner, turned, down);
+        turned[k] -= h, values_at(&refiner, turned, down);
         for (l = 0; l < N; l++)
             CHECK_NEAR(refiner.turn[l * N + k], (up[l] - down[l]) / (2 * h) + planted, 1e-6);
     }
@@ -226,13 +241,13 @@ static void test_similarity(double planted) {
         memcpy(there, refiner.coordinates, sizeof there);
         memcpy(start, there, sizeof start);
         there[4] += i;
-        itn__refine_values(&refiner, start, down), itn__refine_values(&refiner, there, v);
+        values_at(&refiner, start, down), values_at(&refiner, there, v);
         CHECK_NEAR(v[0] * (1 - v[4]), down[0] * (1 - down[4]), 1e-6);
         for (k = 1; k < 4; k++)
             CHECK_NEAR(v[k] / (1 - v[k]) * (1 - v[4]), down[k] / (1 - down[k]) * (1 - down[4]),
                        1e-6);
     }
-    itn__refine_end(&refiner);
+    end_search(&refiner);
     itn_scene_free(scene);
 }
 
@@ -251,7 +266,7 @@ static int watch_step(void *user, const itn_refine_step *step) {
         const itn_parameter *p = itn_parameter_get(w->scene, k);
         w->outside += !(step->theta[k] >= p->lower && step->theta[k] <= p->upper);
     }
-    CHECK(itn__finite(step->loss) && itn__finite(step->misfit));
+    CHECK(itn__finite(step->misfit) && itn__finite(step->misfit_error));
     CHECK(step->fraction >= 0 && step->fraction <= 1 && step->seconds >= 0);
     w->within += step->fraction < 1;
     if (w->within_at && w->calls >= w->cancel_at && w->within >= w->within_at) return w->how;
@@ -750,7 +765,7 @@ static void measure_spread(double ratios[SPREAD_WAYS]) {
         if (getenv("SHOW"))
             printf("A, way %d: %.4g, variance %.2f of what is claimed\n", w, sum[w], ratios[w]);
     }
-    itn__refine_end(&refiner);
+    end_search(&refiner);
     itn_scene_free(scene);
 }
 /* planted: factor of the claim. */
@@ -786,7 +801,7 @@ static void test_stray_noise(int planted) {
     if (getenv("SHOW")) printf("b: variance %.2f of what is claimed\n", ratios[planted]);
     check_report(ratios[planted] > .5 && ratios[planted] < 1.6, __FILE__, __LINE__,
                  "variance of b over what is claimed: %.2f", ratios[planted]);
-    itn__refine_end(&refiner);
+    end_search(&refiner);
     itn_scene_free(scene);
 }
 
@@ -820,7 +835,7 @@ static void test_learn(int planted) {
         CHECK_NEAR(known[i], .25 * moved + .75 * fresh[i], 1e-5);
         CHECK_NEAR(known[k], .25 * before[k] + .75 * fresh[k], 1e-4);
     }
-    itn__refine_end(&refiner);
+    end_search(&refiner);
     itn_scene_free(scene);
 }
 
@@ -841,7 +856,7 @@ static void test_seeds(uint64_t planted) {
                 memcpy(kept[2 * (EVALUATIONS * seed + i) + j], refiner.views->fresh[j],
                        sizeof kept[0]);
         }
-        itn__refine_end(&refiner);
+        end_search(&refiner);
         itn_scene_free(scene);
     }
     for (i = 0; i < RENDERS; i++)
@@ -883,7 +898,7 @@ static void test_doubt(double planted) {
     for (which = 0; which < 3; which++) {
         double sum, difference, expected = 901. / (400. * 400), prior = ITN__PRIOR * ITN__PRIOR, d;
         begin_numbers(&p, scene);
-        if (which) p.refiner.doubt[1] = which == 1 ? 100 + planted : 134;
+        if (which) p.refiner.doubt[1] = 3 * (which == 1 ? 100 + planted : 134);
         itn__normal_covariance(&p.refiner);
         sum = (p.covariance[0] + p.covariance[3]) / 2 + p.covariance[1];
         difference = (p.covariance[0] + p.covariance[3]) / 2 - p.covariance[1];
@@ -907,7 +922,7 @@ static void test_untold_step(int planted) {
     for (clear = 0; clear < 2; clear++) {
         double b = clear ? 200 : 50;
         begin_numbers(&p, scene);
-        p.refiner.told[1] = 1, p.refiner.doubt[1] = planted ? .1 : 20;
+        p.refiner.told[1] = 1, p.refiner.doubt[1] = 3 * (planted ? .1 : 20);
         p.refiner.right[0] = 3e3, p.refiner.right[1] = b;
         itn__refine_solve(&p.refiner, 1);
         CHECK_NEAR((p.refiner.step[0] + p.refiner.step[1]) * r, .3, 1e-5);
@@ -930,7 +945,7 @@ static void test_verdict(double planted) {
         itn_estimate estimates[2];
         numbers p;
         begin_numbers(&p, scene);
-        if (which == 1) p.refiner.doubt[1] = 200;
+        if (which == 1) p.refiner.doubt[1] = 3 * 200;
         if (which == 2) p.refiner.step[0] = .3, p.refiner.arrived = 0;
         if (which == 3) p.refiner.misfit.value = planted, p.refiner.misfit.spread = .1;
         itn__normal_covariance(&p.refiner);
@@ -1314,9 +1329,9 @@ static void test_view_options(void) {
     REFUSED(views[1].scene = NULL, 2, "view 1");
     REFUSED(views[1].target = NULL, 2, "view 1");
     REFUSED(views[1].parameters = NULL, 2, "view 1");
-    REFUSED(views[1].target = broken, 2, "view 1: target is not finite at pixel 143");
+    REFUSED(views[1].target = broken, 2, "view 1: target is NaN or beyond 1e18 at pixel 143");
     broken[143] = -2e18f;
-    REFUSED(views[1].target = broken, 2, "view 1: target is beyond 1e18 at pixel 143");
+    REFUSED(views[1].target = broken, 2, "view 1: target is NaN or beyond 1e18 at pixel 143");
     REFUSED(views[1].target_variance = broken, 2, "view 1: target_variance is NaN");
     for (k = 0; k < PIXELS; k++) broken[k] = 1e-16f;
     REFUSED(views[1].target = broken, 2, "view 1: the picture's mean square is 1e-32, too small");
@@ -1515,7 +1530,7 @@ static void test_misfit_noise(double factor) {
     check_report(square > .4 * claimed && square < 1.7 * claimed, __FILE__, __LINE__,
                  "variance of the misfit %g, by its noise %g", square, claimed);
     if (getenv("SHOW")) printf("misfit %g, variance %g, %g\n", mean, square, claimed);
-    itn__refine_end(&refiner);
+    end_search(&refiner);
     itn_scene_free(scene);
 }
 
@@ -2118,7 +2133,7 @@ static void test_retreat(double planted) {
         CHECK_NEAR(refiner.values[2], .5, 1e-5);
         CHECK(!refiner.ended);
     }
-    itn__refine_end(&refiner);
+    end_search(&refiner);
     itn_scene_free(scene);
 }
 

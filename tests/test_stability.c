@@ -542,7 +542,7 @@ static int watch_step(void *user, const itn_refine_step *step) {
     limit_watch *w = (limit_watch *)user;
     int k;
     if (step->fraction < 1) return 0;
-    w->steps++, w->bad += !(fabs(step->loss) < 1e30) || !(step->misfit_error >= 0);
+    w->steps++, w->bad += !(fabs(step->misfit) < 1e30) || !(step->misfit_error >= 0);
     for (k = 0; k < itn_parameter_count(w->scene); k++) {
         const itn_parameter *p = itn_parameter_get(w->scene, k);
         w->bad += !(step->theta[k] >= p->lower && step->theta[k] <= p->upper);
