@@ -1433,15 +1433,13 @@ ITN__INLINE itn__num itn__nselect(itn__ints mask, itn__num a, itn__num b) {
      U = Cx By - Cy Bx,   V = Ax Cy - Ay Cx,   W = Bx Ay - By Ax
    tell: all of one sign, zeros included. det = U + V + W is twice the signed area, positive where
    the front is seen; U/det, V/det, W/det are the barycentric weights, and t is interpolated between
-   those of the corners. det == 0 (no area, or seen edge-on) is no hit: the neighbours then cover
-   the point.
+   those of the corners. det == 0 (no area, or seen edge-on) is no hit: the neighbours cover it.
    Triangles that share an edge compute the same sheared corners, as floats, so nothing slips
-   between them if the signs of the edge functions are right. Lanes compare the two products, of
-   many triangles at a time: rounding keeps the order of numbers, so the lesser product is the
-   lesser one, and only equal ones leave the sign open. Few triangles remain, for which doubles
-   decide: there products of floats are exact (24 + 24 <= 53 bits, and no exponent over- or
-   underflows), and the rounding of a difference keeps its sign, contracted to a fused multiply-add
-   or not. Rounded to a float, t lies between those of the corners, so the lanes know it so far. */
+   between them if the signs of the edge functions are right. Lanes compare the two products:
+   rounding keeps the order of numbers, so that only equal ones leave the sign open. Few triangles
+   remain, for which doubles decide: there products of floats are exact (24 + 24 <= 53 bits, without
+   over- or underflow), and the rounding of a difference keeps its sign, contracted to a fused
+   multiply-add or not. Rounded to a float, t lies between those of the corners. */
 
 typedef struct itn__triangle {
     float corner[3][3];
@@ -1507,20 +1505,18 @@ static int itn__shear_make(const itn_ray *ray, itn__shear *shear) {
 }
 
 /* Sides. A path walk knows for each closed object whether it is inside, and there can only meet a
-   back face, and outside only a front face. Faces of the wrong orientation are passed over, so that
-   a ray which starts on a face does not meet that face again, however its origin was rounded, and
-   no epsilon is needed.
+   back face, and outside only a front face. The other faces are passed over, so that a ray which
+   starts on a face does not meet it again, however its origin was rounded, without any epsilon.
    Open sheets have no inside; they are met at t > 0. None is met in the plane where a ray was
    thrown back, by the sheet or by a surface on it. At a boundary that it has gone through, or that
    has thrown it back towards a sheet which had thrown it there, a sheet in that plane is met at
-   once, at t = 0, as the ground under an object that stands on it. This holds until the ray meets a
-   face that lies in another plane.
-   A point o is |F| / |n|_1 away from a triangle's plane, measured along the axes. A ray's
-   origin on a face is a rounded point of it: twice as far as from that face's own plane, and
-   16 u |o| (u = 2^-24) for planes that agree but for rounding, counts as in the plane. The t of
-   sheets is computed in double: a ground is often so large that floats of its corners' size cannot
-   tell what lies on it from what does not. It counts for a little more, so that of a boundary on a
-   sheet and the sheet the boundary is met first. */
+   once, at t = 0, as the ground under an object that stands on it, until the ray meets a face that
+   lies in another plane.
+   A point o is |F| / |n|_1 away from a triangle's plane, measured along the axes. A ray's origin on
+   a face is a rounded point of it: twice as far as from that face's own plane, and 16 u |o|
+   (u = 2^-24) for planes that agree but for rounding, counts as in the plane. The t of sheets is
+   computed in double, since a ground may be too large for floats to tell what lies on it, and
+   counts for a little more, so that a boundary on a sheet is met before the sheet. */
 
 typedef struct itn__sides {
     uint64_t front, back; /* objects, as bits, whose front faces and whose back faces a walk may
@@ -1696,22 +1692,18 @@ ITN__INLINE int itn__pack_hit(const itn__pack *pack, const itn__shear *s, float 
    A node begins with one child that holds all its triangles; of the children that do not fit a leaf
    that of the largest area is cut in two, until there are ITN__WIDE (Wald, Benthin and Boulos
    2008), at the cheapest border of equal bins of the triangles' centres along the axis on which
-   these differ most (Wald 2007). Both sides are priced as if they became full leaves. Where no
-   border separates anything, and below ITN__SAH_DEPTH levels, the list is cut in the middle: fewer
-   than 2^30 triangles then end within 30 more levels.
+   these differ most (Wald 2007). Where no border separates anything, and below ITN__SAH_DEPTH
+   levels, the list is cut in the middle: fewer than 2^30 triangles then end within 30 more levels.
    References to the triangles are sorted in place: a child is a part of its node's list. Nodes are
    made level by level, those of one level side by side; their children are numbered afterwards, in
-   order. Nodes that have nodes below them have ITN__WIDE children, and there are at most n leaves;
-   the others hold more than ITN__PACK of the n triangles each: there are at most
-   n / (ITN__WIDE - 1) + n / ITN__PACK + 1. */
+   order. Of n triangles, nodes above others have ITN__WIDE children, and the lowest hold more than
+   ITN__PACK each: there are at most n / (ITN__WIDE - 1) + n / ITN__PACK + 1. */
 
 enum { ITN__WIDE = ITN__LANES > 4 ? 16 : 8, ITN__BINS = 16, ITN__SAH_DEPTH = 32, ITN__DEPTH = 64 };
 
 /* lower x, y, z, then minus upper x, y, z, so that joining two boxes takes nothing but minima; the
    elements 3 and 7 mean nothing. */
-typedef struct itn__box {
-    float bound[8];
-} itn__box;
+typedef struct itn__box { float bound[8]; } itn__box;
 
 /* The children's boxes (lower x, y, z, upper x, y, z), and the children: node c, or leaf ~c. A
    child that does not exist is leaf 0, which is empty, in an empty box. */
@@ -1722,12 +1714,12 @@ typedef struct itn__node {
 
 struct itn_bvh {
     itn_context context;
-    itn_vec3 lower, upper; /* bounds of all triangles */
-    itn__node *nodes;      /* nodes[0] is the root; aligned to a cache line, in node_memory */
-    itn__pack *packs;      /* [leaf_count], the leaves; aligned, in pack_memory */
+    itn_vec3 lower, upper;    /* bounds of all triangles */
     itn__triangle *triangles; /* [triangle_count], as in the mesh */
-    void *node_memory, *pack_memory;
+    itn__pack *packs;         /* [leaf_count], the leaves; aligned to a cache line, in memory */
+    itn__node *nodes;         /* [node_count], behind them; nodes[0] is the root */
     int triangle_count, node_count, leaf_count;
+    void *memory;
 };
 
 /* The corners of a triangle. */
@@ -1735,11 +1727,8 @@ static void itn__bvh_corners(const itn_bvh *bvh, int triangle, itn_vec3 p[3]) {
     for (int k = 0; k < 3; k++) memcpy(&p[k], bvh->triangles[triangle].corner[k], sizeof p[k]);
 }
 
-static itn__box itn__box_empty(void) {
-    itn__box box;
-    for (int k = 0; k < 8; k++) box.bound[k] = FLT_MAX;
-    return box;
-}
+static const itn__box itn__box_empty = {{FLT_MAX, FLT_MAX, FLT_MAX, FLT_MAX, FLT_MAX, FLT_MAX,
+                                         FLT_MAX, FLT_MAX}};
 ITN__INLINE void itn__box_add(itn__box *box, const itn__box *other) {
     itn__box a = *box, b = *other; /* copies cannot overlap */
     for (int k = 0; k < 8; k++) a.bound[k] = itn__min(a.bound[k], b.bound[k]);
@@ -1747,9 +1736,10 @@ ITN__INLINE void itn__box_add(itn__box *box, const itn__box *other) {
 }
 /* Half the surface area. */
 static double itn__box_area(const itn__box *box) {
-    double size[3];
-    for (int k = 0; k < 3; k++) size[k] = -((double)box->bound[k + 4] + box->bound[k]);
-    return size[0] * size[1] + size[1] * size[2] + size[2] * size[0];
+    double x = -((double)box->bound[4] + box->bound[0]);
+    double y = -((double)box->bound[5] + box->bound[1]);
+    double z = -((double)box->bound[6] + box->bound[2]);
+    return x * y + y * z + z * x;
 }
 
 /* What the builder sorts: a triangle's box, the bin of its centre, and its number. */
@@ -1759,9 +1749,7 @@ typedef struct itn__reference {
 } itn__reference;
 
 /* A part of the list of references: what a node or a leaf is made of. */
-typedef struct itn__range {
-    int first, count;
-} itn__range;
+typedef struct itn__range { int first, count; } itn__range;
 typedef struct itn__child {
     itn__range range;
     double area;
@@ -1770,6 +1758,7 @@ typedef struct itn__child {
 
 typedef struct itn__build {
     itn__reference *references;
+    itn__node *nodes;
     itn__range *ranges; /* of child c, as nodes name it; the empty leaf has none */
     int first, depth;   /* of the level that is being made: its first node, its number */
     itn_bvh *bvh;
@@ -1781,7 +1770,7 @@ static int itn__best_border(const itn__box *box, const int *triangles) {
     double cost[ITN__BINS] = {INFINITY};
     int best = 0;
     for (int right = 0; right < 2; right++) {
-        itn__box side = itn__box_empty();
+        itn__box side = itn__box_empty;
         for (int i = 1, passed = 0; i < ITN__BINS; i++) {
             int border = right ? ITN__BINS - i : i, bin = border - !right;
             itn__box_add(&side, &box[bin]), passed += triangles[bin];
@@ -1804,7 +1793,7 @@ static int itn__partition(itn__reference *references, const itn__child *child, i
     float scale = (float)ITN__BINS / (-centres[axis + 4] - centres[axis]);
     if (depth >= ITN__SAH_DEPTH || !(scale > 0 && itn__finite(scale)))
         return count / 2; /* or centres are equal, or too far apart */
-    for (int i = 0; i < ITN__BINS; i++) box[i] = itn__box_empty();
+    for (int i = 0; i < ITN__BINS; i++) box[i] = itn__box_empty;
     for (int i = 0; i < count; i++) {
         const float *bound = references[i].box.bound;
         int bin = (int)((.5f * bound[axis] - .5f * bound[axis + 4] - centres[axis]) * scale);
@@ -1827,7 +1816,7 @@ static int itn__partition(itn__reference *references, const itn__child *child, i
 static itn__child itn__make_child(const itn__build *build, int first, int count) {
     itn__child child;
     child.range.first = first, child.range.count = count;
-    child.box = child.centres = itn__box_empty();
+    child.box = child.centres = itn__box_empty;
     for (int i = first; i < first + count; i++) {
         const itn__box *box = &build->references[i].box;
         itn__box centre;
@@ -1845,7 +1834,7 @@ static itn__child itn__make_child(const itn__build *build, int first, int count)
 static void itn__grow(void *task, int index) {
     itn__build *build = (itn__build *)task;
     int number = build->first + index, count = 1, next, i;
-    itn__node *node = &build->bvh->nodes[number];
+    itn__node *node = &build->nodes[number];
     itn__child children[ITN__WIDE];
     children[0] = itn__make_child(build, build->ranges[number].first, build->ranges[number].count);
     for (; count < ITN__WIDE; count++) {
@@ -1861,7 +1850,7 @@ static void itn__grow(void *task, int index) {
         children[next + 1] = itn__make_child(build, cut.first + left, cut.count - left);
     }
     for (i = 0; i < ITN__WIDE; i++) {
-        itn__box box = i < count ? children[i].box : itn__box_empty();
+        itn__box box = i < count ? children[i].box : itn__box_empty;
         node->child[i] = i < count ? children[i].range.count : 0;
         for (int k = 0; k < 3; k++)
             node->bounds[k][i] = box.bound[k], node->bounds[k + 3][i] = -box.bound[k + 4];
@@ -1871,17 +1860,17 @@ static void itn__grow(void *task, int index) {
 /* Makes references of all triangles, then all levels. */
 static void itn__grow_tree(itn__build *build) {
     itn_bvh *bvh = build->bvh;
-    itn__box all = itn__box_empty();
+    itn__box all = itn__box_empty;
     for (int i = 0; i < bvh->triangle_count; i++) {
-        itn__box box = itn__box_empty();
+        itn__reference reference = {itn__box_empty, 0, i};
+        float *bound = reference.box.bound;
         for (int k = 0; k < 9; k++) {
             float x = bvh->triangles[i].corner[k / 3][k % 3];
-            box.bound[k % 3] = itn__min(box.bound[k % 3], x);
-            box.bound[k % 3 + 4] = itn__min(box.bound[k % 3 + 4], -x);
+            bound[k % 3] = itn__min(bound[k % 3], x);
+            bound[k % 3 + 4] = itn__min(bound[k % 3 + 4], -x);
         }
-        bvh->triangles[i].index = build->references[i].index = i;
-        build->references[i].box = box;
-        itn__box_add(&all, &box);
+        itn__box_add(&all, &reference.box);
+        build->references[i] = reference, bvh->triangles[i].index = i;
     }
     bvh->lower = itn__vec3(all.bound[0], all.bound[1], all.bound[2]);
     bvh->upper = itn__vec3(-all.bound[4], -all.bound[5], -all.bound[6]);
@@ -1893,7 +1882,7 @@ static void itn__grow_tree(itn__build *build) {
         for (int i = build->first; i < end; i++) { /* numbers children */
             itn__range range = build->ranges[i];
             for (int k = 0; k < ITN__WIDE; k++, range.first += range.count) {
-                int32_t *child = &bvh->nodes[i].child[k];
+                int32_t *child = &build->nodes[i].child[k];
                 range.count = *child;
                 *child = range.count > ITN__PACK ? bvh->node_count++
                                                  : ~(range.count ? bvh->leaf_count++ : 0);
@@ -1915,17 +1904,8 @@ ITN_API void itn_bvh_free(itn_bvh *bvh) {
     if (!bvh) return;
     itn_context context = bvh->context;
     itn__free(&context, bvh->triangles);
-    itn__free(&context, bvh->pack_memory);
-    itn__free(&context, bvh->node_memory);
+    itn__free(&context, bvh->memory);
     itn__free(&context, bvh);
-}
-
-/* Allocates count elements that begin a cache line; *memory is what to free. */
-static void *itn__allocate_aligned(const itn_context *context, size_t count, size_t size,
-                                   void **memory) {
-    const size_t line = 64;
-    *memory = count < SIZE_MAX / 2 / size ? itn__allocate(context, count * size + line, 1) : NULL;
-    return *memory ? (char *)*memory + (line - (uintptr_t)*memory % line) % line : NULL;
 }
 
 /* A tree with room for so many triangles, or NULL. */
@@ -1942,36 +1922,40 @@ static itn_bvh *itn__bvh_new(const itn_context *context, int count) {
 /* Builds it over its triangles, whose corners and objects are known. */
 static itn_result itn__bvh_build(itn_bvh *bvh, itn_error *error) {
     const itn_context *context = &bvh->context;
-    size_t leaves = (size_t)bvh->triangle_count + 1; /* at most */
-    size_t nodes = leaves / (ITN__WIDE - 1) + leaves / ITN__PACK + 1;
+    const size_t leaves = (size_t)bvh->triangle_count + 1, line = 64; /* of the cache */
+    const size_t nodes = leaves / (ITN__WIDE - 1) + leaves / ITN__PACK + 1; /* at most */
     itn__build build = ITN_ZERO;
     itn__range *ranges = ITN__NEW(itn__range, context, leaves + nodes);
     build.references = ITN__NEW(itn__reference, context, leaves);
-    bvh->nodes = (itn__node *)itn__allocate_aligned(context, nodes, sizeof(itn__node),
-                                                    &bvh->node_memory);
-    if (ranges && build.references && bvh->nodes) {
+    build.nodes = ITN__NEW(itn__node, context, nodes);
+    if (ranges && build.references && build.nodes) {
         build.bvh = bvh, build.ranges = ranges + leaves;
         itn__grow_tree(&build);
-        bvh->packs = (itn__pack *)itn__allocate_aligned(context, (size_t)bvh->leaf_count,
-                                                        sizeof(itn__pack), &bvh->pack_memory);
-        if (bvh->packs) itn__parallel_for(context, bvh->leaf_count, itn__fill_leaf, &build);
+        bvh->memory = itn__allocate(context, (size_t)bvh->leaf_count * (sizeof(itn__pack) / line) +
+                                    (size_t)bvh->node_count * sizeof(itn__node) / line + 2, line);
     }
+    if (bvh->memory) {
+        bvh->packs = (itn__pack *)((char *)bvh->memory + line - (uintptr_t)bvh->memory % line);
+        bvh->nodes = (itn__node *)(bvh->packs + bvh->leaf_count);
+        memcpy(bvh->nodes, build.nodes, (size_t)bvh->node_count * sizeof *bvh->nodes);
+        itn__parallel_for(context, bvh->leaf_count, itn__fill_leaf, &build);
+    }
+    itn__free(context, build.nodes);
     itn__free(context, build.references);
     itn__free(context, ranges);
-    return bvh->packs ? ITN_OK : itn__out_of_memory(error, "a bounding volume hierarchy");
+    return bvh->memory ? ITN_OK : itn__out_of_memory(error, "a bounding volume hierarchy");
 }
 
 /* Rays. A ray meets a box where its intervals between the three pairs of planes overlap. A box may
    be missed only by rays that the test of [triangle] lets miss all triangles in it, rounding
    included. Let s be the largest difference, along any axis, of the ray's origin and a corner, and
-   u = 2^-24. That test sees corners sheared with errors of up to 7 u s: differences and products,
-   of at most 2 s, are rounded and the shear itself has two roundings. A distance (plane - origin) *
-   (1 / direction) has three roundings, as if the plane were off by 3 u s. Boxes are therefore
-   enlarged by 16 u s on all sides: the origin is moved away from the plane that the ray meets first
-   and from the one it meets last, by that and by an ulp of its own (Ize, "Robust BVH ray
-   traversal", JCGT 2(2), 2013, does the same along the ray); tmin and tmax by 8 roundings. Along
-   an axis with direction 0 distances are infinite, or NaN (0 * infinity) for an origin in one of
-   the planes, which the order of the arguments of minima and maxima ignores. */
+   u = 2^-24. That test sees corners sheared with errors of up to 7 u s, and a distance (plane -
+   origin) * (1 / direction) is off by 3 u s. Boxes are therefore enlarged by 16 u s on all sides:
+   the origin is moved away from the plane that the ray meets first and from the one it meets last,
+   by that and by an ulp of its own (Ize, "Robust BVH ray traversal", JCGT 2(2), 2013, does the same
+   along the ray); tmin and tmax by 8 roundings. Along an axis with direction 0 distances are
+   infinite, or NaN (0 * infinity) for an origin in one of the planes, which the order of the
+   arguments of minima and maxima ignores. */
 
 ITN__INLINE float itn__widen(float t) { return t + 4 * FLT_EPSILON * itn__min(fabsf(t), FLT_MAX); }
 
@@ -2003,18 +1987,12 @@ static void itn__slabs_make(itn__slabs *s, const itn_bvh *bvh, const itn_ray *ra
 }
 
 /* A child that the ray enters, still to be visited. */
-typedef struct itn__visit {
-    float enter;
-    int32_t child;
-} itn__visit;
+typedef struct itn__visit { float enter; int32_t child; } itn__visit;
 
-/* The children of node `child` that the ray enters: the nearest becomes `child`, the others go on
-   the stack, in no order, since there are few. Returns 0 if there are none. */
-ITN__INLINE int itn__descend(const itn_bvh *bvh, const itn__slabs *s, itn__visit *stack, int *top,
-                             int32_t *child) {
-    const itn__node *node = &bvh->nodes[*child];
-    float enter[ITN__WIDE];
-    unsigned entered = (1u << ITN__WIDE) - 1;
+/* The children of a node that the ray enters, as bits; enter receives at which distance. */
+ITN__INLINE unsigned itn__slabs_enter(const itn__slabs *s, const itn__node *node,
+                                      float enter[ITN__WIDE]) {
+    unsigned missed = 0;
     int k;
     for (int from = 0; from < ITN__WIDE; from += ITN__LANES) {
         itn__floats in = itn__splat(s->start), out = itn__splat(s->end);
@@ -2026,19 +2004,9 @@ ITN__INLINE int itn__descend(const itn_bvh *bvh, const itn__slabs *s, itn__visit
             out = itn__least(last * s->inverse[k], out);
         }
         itn__store(enter + from, in);
-        entered &= ~(itn__less_bits(out, in) << from);
+        missed |= itn__less_bits(out, in) << from;
     }
-    if (!entered) return 0;
-    int nearest = itn__lowest_bit(entered);
-    while (entered &= entered - 1) {
-        k = itn__lowest_bit(entered);
-        int further = enter[k] < enter[nearest] ? nearest : k;
-        nearest += k - further;
-        stack[*top].enter = enter[further], stack[*top].child = node->child[further];
-        ++*top;
-    }
-    *child = node->child[nearest];
-    return 1;
+    return ~missed & ((1u << ITN__WIDE) - 1);
 }
 
 /* The nearest hit, or (any) whether there is one; then hit may be NULL and is left alone. sides:
@@ -2057,7 +2025,19 @@ ITN__NOINLINE int itn__bvh_trace(const itn_bvh *bvh, const itn_ray *ray, const i
     best.t = ray->tmax, best.triangle = -1;
     for (;;) {
         if (child >= 0) {
-            if (itn__descend(bvh, &slabs, stack, &top, &child)) continue;
+            float enter[ITN__WIDE];
+            const int32_t *children = bvh->nodes[child].child;
+            unsigned entered = itn__slabs_enter(&slabs, &bvh->nodes[child], enter);
+            int nearest = entered ? itn__lowest_bit(entered) : -1;
+            for (unsigned others = entered & (entered - 1); others; others &= others - 1) {
+                int k = itn__lowest_bit(others), further = enter[k] < enter[nearest] ? nearest : k;
+                nearest += k - further; /* the others go on the stack, in no order */
+                stack[top].enter = enter[further], stack[top++].child = children[further];
+            }
+            if (entered) {
+                child = children[nearest];
+                continue;
+            }
         } else if (itn__pack_hit(&bvh->packs[~child], &shear, ray->tmin, sides, &best)) {
             if (any) return 1;
             slabs.end = itn__widen(best.t);
@@ -4181,12 +4161,11 @@ ITN_API itn_result itn_image_create(int width, int height, int plane_count,
                          "positive", width, height, plane_count);
     itn_result result = itn__context_check(context, &made.context, error);
     if (result) return result;
-    if (pixels / (size_t)height != (size_t)width || pixels > SIZE_MAX / 8 / (size_t)plane_count)
-        return itn__out_of_memory(error, "an image");
     made.width = width, made.height = height, made.plane_count = plane_count;
     made.names = (char(*)[ITN_NAME_SIZE])itn__allocate(&made.context, (size_t)plane_count,
                                                        ITN_NAME_SIZE);
-    made.pixels = ITN__NEW(float, &made.context, pixels * (size_t)plane_count);
+    if (pixels / (size_t)height == (size_t)width && pixels <= SIZE_MAX / 8 / (size_t)plane_count)
+        made.pixels = ITN__NEW(float, &made.context, pixels * (size_t)plane_count);
     if (!made.names || !made.pixels) {
         itn_image_free(&made);
         return itn__out_of_memory(error, "an image");
@@ -4211,8 +4190,7 @@ ITN_API float *itn_image_plane(const itn_image *image, const char *name) {
 }
 
 /* The planes that hold an image's light: R, G, B if all are there, else Y, or the only plane, three
-   times over. Returns 0 if none of that is there: of a file of layers the first plane is often
-   alpha. */
+   times over. Returns 0 if none of that is there. */
 static int itn__image_colours(const itn_image *image, const float *planes[3]) {
     static const char *const rgb[3] = {"R", "G", "B"};
     for (int k = 0; k < 3; k++) planes[k] = itn_image_plane(image, rgb[k]);
@@ -4302,14 +4280,12 @@ ITN_API itn_result itn_bvh_create(const itn_mesh *mesh, const itn_context *conte
 /* Solids. A mesh bounds a solid when its oriented triangles have no boundary: every directed edge
    (a,b) is used as often as its opposite (b,a). Vertices at equal positions are welded first, so
    the seams of texture coordinates do not count as holes. Of an undirected edge with f uses in one
-   direction and b in the other, f == b is good, f + b == 1 open, the rim of a hole; otherwise it is
-   flipped: some of its triangles disagree on which side is out. Triangles with an index out of
-   range or with two equal corners take no part; those of zero area and three different corners may
-   close the slit between a long edge and the two short ones beside it.
+   direction and b in the other, f == b is good, f + b == 1 open, else it is flipped. Triangles with
+   an index out of range or with two equal corners take no part; those of zero area and three
+   different corners may close the slit between a long edge and the two short ones beside it.
    A closed mesh has the signed volume V = sum of F / 6 (the divergence theorem), with o at one of
    its corners, so that a mesh far from the origin loses no digits. The parts that edges of two
-   triangles join have such volumes, too; where rounding may have made one, as of a sheet with two
-   sides, it is 0. */
+   triangles join have such volumes, too; what rounding may have made of a flat one counts as 0. */
 
 /* A triangle's use of an edge, kept with the edge's lesser vertex. */
 typedef struct itn__use {
@@ -4398,8 +4374,7 @@ static void itn__weigh_triangles(itn__welding *w) {
 }
 
 static int itn__compare_uses(const void *a, const void *b) {
-    const itn__use *p = (const itn__use *)a, *q = (const itn__use *)b;
-    return p->other != q->other ? p->other - q->other : p->triangle - q->triangle;
+    return ((const itn__use *)a)->other - ((const itn__use *)b)->other;
 }
 
 /* The triangle that stands for all of a triangle's part. */
@@ -10846,10 +10821,8 @@ static void itn__obj_corner(itn__text *text, itn__builder *b, const size_t count
     text->at = end;
     if (valid && at == end && index[0] != SIZE_MAX) itn__add_corner(b, index[0], index[1]);
     else
-        ITN__DAMAGED(text, "face corner '%.*s' is not an index above this line (%.0f vertices, "
-                     "%.0f texture coordinates, %.0f normals)", end - word > 40 ? 40
-                     : (int)(end - word), word, (double)counts[0], (double)counts[1],
-                     (double)counts[2]);
+        ITN__DAMAGED(text, "face corner '%.*s' is not an index above this line (of %.0f vertices)",
+                     end - word > 40 ? 40 : (int)(end - word), word, (double)counts[0]);
 }
 
 static void itn__obj_decode(itn__text *text, itn__builder *b) {
@@ -10915,7 +10888,7 @@ static const char *itn__ply_property(itn__ply *ply, itn__ply_line *p) {
     int list = itn__accept(ply->text, "list") == 0;
     p->list = list ? itn__ply_type(ply->text) : -1;
     p->type = itn__ply_type(ply->text);
-    if (!ply->count) return "property stands before any element";
+    if (p == ply->lines) return "property stands before any element";
     if (p->type < 0 || (list && p->list < 0) || itn__line_done(ply->text))
         return "property has no valid type or no name";
     if (p->list >= 6) return "list has a count that is no integer";
@@ -10931,10 +10904,10 @@ static const char *itn__ply_property(itn__ply *ply, itn__ply_line *p) {
 
 /* Reads "name count". Returns NULL, or what is wrong. */
 static const char *itn__ply_element(itn__ply *ply, itn__ply_line *element) {
-    double count;
     int kind = ply->kind = element->role = itn__accept(ply->text, "vertex face") + 1;
     if (!kind) ply->text->at += itn__word_length(ply->text);
-    count = element->count = itn__take_decimal(ply->text, NULL), element->type = -1;
+    double count = element->count = itn__take_decimal(ply->text, NULL);
+    element->type = -1;
     if (!(count >= 0 && count <= (kind ? INT_MAX : 1e15) && count == floor(count)))
         return "element has no valid count";
     if (kind && ply->kinds >= 1 << kind)
@@ -10957,20 +10930,20 @@ static void itn__ply_header(itn__ply *ply) {
         keyword = itn__accept(text, "end_header comment obj_info format property element");
         itn__skip_blanks(text);
         if (text->at == text->end) fault = "header has no end";
-        else if (keyword >= 4 && ply->count == 544) fault = "header has too many lines";
-        else if (keyword >= 4)
-            fault = keyword == 4 ? itn__ply_property(ply, line) : itn__ply_element(ply, line);
+        else if (keyword >= 4 && ply->count++ == 544) fault = "header has too many lines";
+        else if (keyword == 5) fault = itn__ply_element(ply, line);
+        else if (keyword == 4) fault = itn__ply_property(ply, line);
         else if (keyword == 3) {
             ply->format = itn__accept(text, "ascii binary_little_endian binary_big_endian");
             if (ply->format < 0 || itn__accept(text, "1.0") < 0) fault = "has an unknown format";
         } else if (keyword <= 0 && !itn__newline(text->at, text->end))
             fault = keyword ? "header has an unknown keyword" : "header has no end";
-        ply->count += keyword >= 4;
     }
-    if (!fault && ply->format < 0) fault = "header has no format";
-    if (!fault && (ply->has & 7) != 7) fault = "has no vertex with x, y, z";
-    if (!fault && !(ply->has >> ITN__PLY_CORNERS & 1))
-        fault = "has no face with a list vertex_indices";
+    if (!fault)
+        fault = ply->format < 0                          ? "header has no format"
+                : (ply->has & 7) != 7                    ? "has no vertex with x, y, z"
+                : !(ply->has >> ITN__PLY_CORNERS & 1) ? "has no face with a list vertex_indices"
+                                                         : NULL;
     if (fault) ITN__DAMAGED(text, "PLY %s", fault);
     else text->at += lone_return ? 1 : itn__newline(text->at, text->end); /* binary from here on? */
     text->line = ply->format == ITN__PLY_ASCII ? text->line + 1 : 0;
@@ -10992,40 +10965,38 @@ static double itn__ply_value(itn__ply *ply, int type) {
     return value; /* integer types of even places are signed */
 }
 
-/* Takes a value for its role; vertex: x y z u v of the one being read, and what has no role. */
-static void itn__ply_take(itn__ply *ply, int role, double value, float vertex[8]) {
-    itn__builder *b = ply->builder;
-    float number = vertex[role] = (float)value;
-    if (role == ITN__PLY_CORNERS) {
-        if (value >= 0 && value < (double)(b->positions.size / 12) && value == floor(value))
-            itn__add_corner(b, (size_t)value, (size_t)value);
-        else ITN__DAMAGED(ply->text, "names a vertex that does not exist");
-    } else if (role != ITN__PLY_NONE && !itn__finite(number))
-        ITN__DAMAGED(ply->text, "a %scoordinate is not a finite number",
-                     role < ITN__PLY_U ? "" : "texture ");
-    else if (role == ITN__PLY_TEXCOORDS) itn__put(&b->texcoords, &number, 4);
-}
-
 /* Reads one entry of an element of `count` properties p: of each one number, or as many as the list
    has. Every step takes bytes, so that a count that lies ends with them. A face's own texture
    coordinates, which are put behind the vertices', count more than these. */
 static void itn__ply_entry(itn__ply *ply, int kind, const itn__ply_line *p, int count) {
     itn__builder *b = ply->builder;
-    itn__corner *corners;
-    size_t before = b->texcoords.size, own;
-    float vertex[8] = {0, 0, 0, 0, 0, 0, 0, 0};
+    size_t vertices = b->positions.size / 12, before = b->texcoords.size;
+    float numbers[ITN__PLY_NONE + 1] = {0}; /* by role */
     b->corners.size = 0;
     for (; count--; p++) {
         double left = p->list >= 0 ? itn__ply_value(ply, p->list) : 1;
         if (!(left >= 0 && left == floor(left))) ITN__DAMAGED(ply->text, "list has no valid count");
-        for (; left > 0 && !ply->text->result; left--)
-            itn__ply_take(ply, p->role, itn__ply_value(ply, p->type), vertex);
+        for (; left > 0 && !ply->text->result; left--) {
+            double value = itn__ply_value(ply, p->type);
+            float *number = &numbers[p->role];
+            *number = (float)value;
+            if (p->role == ITN__PLY_NONE) continue;
+            if (p->role != ITN__PLY_CORNERS && !itn__finite(*number))
+                ITN__DAMAGED(ply->text, "a %scoordinate is not a finite number",
+                             p->role < ITN__PLY_U ? "" : "texture ");
+            else if (p->role == ITN__PLY_TEXCOORDS) itn__put(&b->texcoords, number, 4);
+            else if (p->role != ITN__PLY_CORNERS) continue;
+            else if (value >= 0 && value < (double)vertices && value == floor(value))
+                itn__add_corner(b, (size_t)value, (size_t)value);
+            else ITN__DAMAGED(ply->text, "names a vertex that does not exist");
+        }
     }
-    if (kind == ITN__PLY_VERTEX) itn__put(&b->positions, vertex, 12);
+    if (kind == ITN__PLY_VERTEX) itn__put(&b->positions, numbers, 12);
     if (kind == ITN__PLY_VERTEX && (ply->has >> ITN__PLY_U & 3) == 3)
-        itn__put(&b->texcoords, vertex + ITN__PLY_U, 8);
+        itn__put(&b->texcoords, numbers + ITN__PLY_U, 8);
     if (kind != ITN__PLY_FACE) return;
-    corners = (itn__corner *)(void *)b->corners.bytes, own = (b->texcoords.size - before) / 4;
+    itn__corner *corners = (itn__corner *)(void *)b->corners.bytes;
+    size_t own = (b->texcoords.size - before) / 4;
     if (own && own != 2 * (b->corners.size / sizeof *corners))
         ITN__DAMAGED(ply->text, "has not two texture coordinates per corner");
     for (size_t i = 0; 2 * i < own && !ply->text->result; i++) {
