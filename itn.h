@@ -301,8 +301,7 @@ typedef enum itn_surface_type { ITN_SURFACE_DIELECTRIC = 0, ITN_SURFACE_DIFFUSE 
 typedef enum itn_texture_type {
     ITN_TEXTURE_NONE = 0,
     ITN_TEXTURE_CHECKER, /* squares of reflectance, from coordinates (0, 0) on, and reflectance2 */
-    ITN_TEXTURE_IMAGE    /* reflectance times the image, bilinear, repeated, whose lower left corner
-                            is (0, 0), the upper right one (1, 1) */
+    ITN_TEXTURE_IMAGE    /* reflectance times the image, bilinear, repeated */
 } itn_texture_type;
 
 typedef struct itn_surface_desc {
@@ -2061,10 +2060,10 @@ ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray) {
 
 /* ---- [fields] what items have, said once ----------------------------------------------------- */
 
-/* An item of a scene - film, camera, medium, surface, object, light - is a row of fields. What may
-   stand in a field is said here and nowhere else: scene files are read by these tables, descs of a
-   caller are checked by them, and parameters come in their order. A new field is a new row; a new
-   kind of surface or light has its fields in the row of its model.
+/* An item of a scene - film, camera, medium, surface, object, light - has fields. What may stand in
+   them is said by tables alone: scene files are read by these, descs of a caller are checked, and
+   parameters come in their order. A new field is a new row; a new kind of surface or light has its
+   fields in the row of its model, and a word in itn__types.
 
    `form` tells how many numbers follow a field's name in a file, by digits, and how the desc keeps
    them: f as floats, i as an int, c as a colour (one number counts for all channels), s as a
@@ -2090,9 +2089,8 @@ ITN__INLINE int itn__has_form(const itn__field *field, char letter) {
 }
 
 enum { ITN__FILM, ITN__CAMERA, ITN__MEDIUM, ITN__OBJECT, ITN__SURFACE, ITN__LIGHT, ITN__KINDS };
-static const char *const itn__kinds[] = {"film",    "camera", "medium", "object",
-                                         "surface", "light",  "film camera medium object "
-                                                              "surface light"};
+static const char *const itn__kinds[] = {"film", "camera", "medium", "object", "surface", "light",
+                                         "film camera medium object surface light"}; /* all */
 /* Types that differ in fields: the words for them, in their order. */
 static const char *const itn__types[ITN__KINDS] = {
     NULL, NULL, NULL, "mesh plane", "dielectric diffuse", "constant map sky"};
@@ -4894,7 +4892,7 @@ ITN_API void itn_parameter_values(const itn_scene *scene, float *theta) {
 }
 
 /* The least value that a search gives a parameter: its lower bound, but of an index, whose bound is
-   1, a value where it still has a derivative (itn__check_ior). */
+   1, a value where it still has a derivative. */
 ITN__INLINE double itn__least_sought(const itn_parameter *p) {
     return p->lower == 1 ? 1.001 : (double)p->lower;
 }
@@ -5120,16 +5118,28 @@ static int itn__camera_inside(const itn_scene *scene, const itn__object *object)
 
 enum { ITN__TRIED_LINES = 400, ITN__TRIED_CROSSINGS = 256 };
 
-/* Whether on a line that comes from outside a closed object two fronts or two backs follow each
-   other, as they do where parts overlap, lie within each other or are inside out, or whether it
-   ends inside. Where parts touch a back and a front are in one point. A line is followed through
-   so many crossings that time grows with the size of a mesh only, however often it is folded. */
-static int itn__is_tangled(const itn_scene *scene, int object, itn_ray line) {
+/* Draws a line from outside of all solids through a point of a triangle, whose unit normal is n, at
+   a likelihood in proportion to its cosine with that (a point of the unit sphere around its tip):
+   all lines that cross the triangle are as likely. Returns whether two fronts or two backs of the
+   object follow each other, as they do where parts overlap, lie within each other or are inside
+   out, or whether it ends inside. Where parts touch a back and a front are in one point. */
+static int itn__is_tangled(const itn_scene *scene, int triangle, const double n[3], itn__rng *rng) {
     const float gap = 64 * FLT_EPSILON * scene->radius;
+    uint64_t object = itn__object_bit(scene->bvh->triangles[triangle].object);
+    float u = itn__uniform(rng), v = itn__uniform(rng), z = 1 - 2 * itn__uniform(rng);
+    float r = sqrtf(1 - z * z), phi = 2 * ITN__PI * itn__uniform(rng);
     int inside = 0;
-    for (int i = 0; i < ITN__TRIED_CROSSINGS; i++) {
-        itn__sides sides[2] = {{itn__object_bit(object), 0, 0, 0},
-                               {0, itn__object_bit(object), 0, 0}};
+    itn_vec3 p[3];
+    itn_ray line;
+    itn__bvh_corners(scene->bvh, triangle, p);
+    if (u + v > 1) u = 1 - u, v = 1 - v;
+    line.origin = itn__along(itn__along(p[0], u, itn__sub(p[1], p[0])), v, itn__sub(p[2], p[0]));
+    line.direction = itn__normalize(itn__vec3((float)n[0] + r * cosf(phi),
+                                              (float)n[1] + r * sinf(phi), (float)n[2] + z));
+    line.origin = itn__along(line.origin, -4 * scene->radius, line.direction);
+    line.tmin = 0, line.tmax = INFINITY;
+    for (int i = 0; i < ITN__TRIED_CROSSINGS; i++) { /* time grows with the size of a mesh only */
+        itn__sides sides[2] = {{object, 0, 0, 0}, {0, object, 0, 0}};
         itn_hit enter, leave;
         if (!itn__bvh_trace(scene->bvh, &line, &sides[0], 0, &enter)) enter.t = INFINITY;
         if (!itn__bvh_trace(scene->bvh, &line, &sides[1], 0, &leave)) leave.t = INFINITY;
@@ -5140,25 +5150,6 @@ static int itn__is_tangled(const itn_scene *scene, int object, itn_ray line) {
         else inside = !inside;
     }
     return 0;
-}
-
-/* A line from outside of all solids through a point of a triangle with this unit normal, at a
-   likelihood in proportion to its cosine with that (a point of the unit sphere around its tip): all
-   lines that cross the triangle are as likely. */
-static itn_ray itn__draw_line(const itn_scene *scene, int triangle, const double n[3],
-                              itn__rng *rng) {
-    float u = itn__uniform(rng), v = itn__uniform(rng), z = 1 - 2 * itn__uniform(rng);
-    float r = sqrtf(1 - z * z), phi = 2 * ITN__PI * itn__uniform(rng);
-    itn_vec3 p[3], tip = itn__vec3((float)n[0], (float)n[1], (float)n[2]);
-    itn_ray line;
-    itn__bvh_corners(scene->bvh, triangle, p);
-    if (u + v > 1) u = 1 - u, v = 1 - v;
-    line.origin = itn__along(itn__along(p[0], u, itn__sub(p[1], p[0])), v, itn__sub(p[2], p[0]));
-    line.direction = itn__normalize(
-        itn__vec3(tip.x + r * cosf(phi), tip.y + r * sinf(phi), tip.z + z));
-    line.origin = itn__along(line.origin, -4 * scene->radius, line.direction);
-    line.tmin = 0, line.tmax = INFINITY;
-    return line;
 }
 
 /* Fails where more than one in 40 of ITN__TRIED_LINES, through points at equal steps of a solid's
@@ -5173,7 +5164,7 @@ static itn_result itn__check_parts(itn__maker *maker, int index) {
     for (int i = object->first_triangle; i < end && object->solid; i++) {
         reached += .5 * itn__unit_normal(&scene->bvh->triangles[i], n);
         for (; reached * (double)ITN__TRIED_LINES > (lines + .5) * object->area; lines++)
-            tangled += itn__is_tangled(scene, index, itn__draw_line(scene, i, n, &rng));
+            tangled += itn__is_tangled(scene, i, n, &rng);
     }
     if (40 * tangled <= ITN__TRIED_LINES) return ITN_OK;
     scene->leaky = 1;
@@ -5241,18 +5232,6 @@ static itn_result itn__make_items(itn__maker *maker) {
     return itn__take_fields(maker, itn__forms[ITN__FILM], &scene->film, &scene->camera);
 }
 
-/* Merges all objects, and builds the tree over their triangles. */
-static itn_result itn__make_tree(itn__maker *maker) {
-    itn_scene *scene = maker->scene;
-    itn__go_to(maker, -1, 0);
-    scene->bvh = itn__bvh_new(&scene->context, maker->triangle_count);
-    if (!scene->bvh) return itn__refuse(maker, ITN_ERROR_MEMORY, "out of memory");
-    for (int i = 0; i < scene->object_count && !maker->result; i++) itn__merge_object(maker, i);
-    if (!maker->result) maker->result = itn__bvh_build(scene->bvh, maker->error);
-    for (int i = 0; i < scene->object_count && !maker->result; i++) itn__check_parts(maker, i);
-    return maker->result;
-}
-
 /* Makes what the maker's desc says; where it fails, the maker stands at the item at fault. */
 static ITN__COLD itn_result itn__create_scene(itn__maker *maker, const itn_context *context,
                                               itn_scene **made) {
@@ -5262,8 +5241,15 @@ static ITN__COLD itn_result itn__create_scene(itn__maker *maker, const itn_conte
     itn_scene *scene = maker->scene = ITN__NEW(itn_scene, &own, 1);
     if (!scene) return itn__out_of_memory(maker->error, "a scene");
     scene->context = own;
-    if (itn__make_items(maker) || itn__make_origin(maker) || itn__make_tree(maker))
-        return itn_scene_free(scene), maker->result;
+    if (!itn__make_items(maker) && !itn__make_origin(maker)) {
+        itn__go_to(maker, -1, 0);
+        scene->bvh = itn__bvh_new(&own, maker->triangle_count);
+        if (!scene->bvh) itn__refuse(maker, ITN_ERROR_MEMORY, "out of memory");
+    }
+    for (int i = 0; i < scene->object_count && !maker->result; i++) itn__merge_object(maker, i);
+    if (!maker->result) maker->result = itn__bvh_build(scene->bvh, maker->error);
+    for (int i = 0; i < scene->object_count && !maker->result; i++) itn__check_parts(maker, i);
+    if (maker->result) return itn_scene_free(scene), maker->result;
     itn__share_lights(scene);
     itn__make_sides(scene);
     *made = scene;
