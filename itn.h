@@ -973,6 +973,8 @@ static ITN__UNUSED itn_result itn__out_of_memory(itn_error *error, const char *w
     return itn__fail(error, ITN_ERROR_MEMORY, 0, "out of memory for %s", what);
 }
 
+#define ITN__INVALID(...) itn__fail(error, ITN_ERROR_ARGUMENT, 0, __VA_ARGS__)
+
 /* Memory. An object keeps the context that it was made with, and is freed by it. */
 
 #define ITN__NEW(type, context, count)                                                             \
@@ -1370,12 +1372,87 @@ ITN__INLINE itn__floats itn__uniforms(itn__words key0, itn__words key1, itn__int
     return itn__unit_floats(itn__mix_words(x, key1));
 }
 
-/* Elementary functions, within 2 units in the last place of the result; [means] has their bodies.
-   Sine and cosine are of 2 pi u; the angle of the vector (x, y) is that of atan2. */
-ITN__INLINE itn__floats itn__vlog(itn__floats x);
-ITN__INLINE itn__floats itn__vexp(itn__floats x);
-ITN__INLINE void itn__vsincos_turns(itn__floats u, itn__floats *sine, itn__floats *cosine);
-ITN__INLINE itn__floats itn__vatan2(itn__floats y, itn__floats x);
+/* Elementary functions, without branches, tables or calls. Each one reduces its argument exactly,
+   or nearly so, to a short interval around 0 and evaluates there the polynomial whose largest
+   relative error is least (Remez' minimax fit to the function in double, coefficients rounded to
+   float one after the other with the rest fitted anew), summed in pairs, which halves the wait.
+   Largest errors in units in the last place hold with and without contraction to fused
+   multiply-adds, which is also all that results of different widths can differ by.
+     log:    x = 2^n (1 + f), |f| <= 1/3;          log x = n log 2 + f + f^2 P(f)            1.9 ulp
+     exp:    x = n log 2 + f, |f| <= log(2) / 2;   e^x = 2^n (1 + f + f^2 P(f))              1.1
+     sin, cos of 2 pi u:  u = n/4 + r, |r| <= 1/8; n tells which is which, and the signs     1.7
+     arctan: of the smaller over the larger side;  a + a^3 P(a^2), reflected at 1/8 and 1/4  2 */
+
+/* c[0] + c[1] x + ... + c[7] x^7. */
+ITN__INLINE itn__floats itn__polynomial8(const float *c, itn__floats x) {
+    itn__floats x2 = x * x;
+    itn__floats low = (c[0] + c[1] * x) + x2 * (c[2] + c[3] * x);
+    itn__floats high = (c[4] + c[5] * x) + x2 * (c[6] + c[7] * x);
+    return low + x2 * x2 * high;
+}
+
+/* The nearest whole number, a tie to the even one, for |v| < 2^22: in the sum with 1.5 * 2^23 the
+   last place is worth 1. */
+#define itn__nearest_ints(v) (itn__float_bits((v) + 12582912.f) - 0x4b400000)
+
+/* Natural logarithm of positive normal numbers; not of negative ones, infinity and NaN. Zero gives
+   -127 log 2 = -88.03. */
+ITN__INLINE itn__floats itn__vlog(itn__floats x) {
+    static const float c[8] = {-.499999374f, .333332002f,  -.250077456f, .200110793f,
+                               -.16417098f,  .139970019f, -.153832182f, .140213028f};
+    itn__ints bits = itn__float_bits(x);
+    itn__ints exponent = (bits - 0x3f2aaaab) & -0x800000; /* n 2^23: bits count from those of 2/3 */
+    itn__floats f = itn__bits_float(bits - exponent) - 1;
+    itn__floats whole = itn__to_floats(exponent) * 8.26295830e-8f; /* 2^-23 log 2 */
+    return f + (whole + f * f * itn__polynomial8(c, f));
+}
+
+/* e^x for any x: 0 below -104, infinity above 88.73, NaN for NaN. Two factors make up 2^n, since n
+   reaches beyond the exponents of floats. */
+ITN__INLINE itn__floats itn__vexp(itn__floats x) {
+    itn__words twice, half; /* exponents as floats keep them: each factor adds 127 */
+    x = itn__most(itn__splat(-105), x);
+    x = itn__least(itn__splat(89), x); /* NaN stays */
+    itn__ints n = itn__nearest_ints(x * 1.44269504f);
+    itn__floats n_log2 = itn__to_floats(n);
+    itn__floats f = (x - n_log2 * .693145752f) - n_log2 * 1.42860677e-6f; /* first product exact */
+    itn__floats f2 = f * f;
+    itn__floats sum = (.49999994f + .166665211f * f) + f2 * ((.0416682549f + .00836866256f * f) +
+                                                             f2 * .00138214685f);
+    sum = 1 + (f + f2 * sum);
+    twice = itn__int_words(n) + 254u, half = twice >> 1;
+    sum = sum * itn__bits_float(itn__word_ints(half << 23));
+    return sum * itn__bits_float(itn__word_ints((twice - half) << 23));
+}
+
+/* Sine and cosine of 2 pi u, |u| < 1e4. */
+ITN__INLINE void itn__vsincos_turns(itn__floats u, itn__floats *sine, itn__floats *cosine) {
+    itn__ints n = itn__nearest_ints(4 * u), swapped = -(n & 1), sign = itn__splat_int(INT32_MIN);
+    itn__floats r = u - .25f * itn__to_floats(n), z = r * r;
+    itn__floats s = r * (6.28318548f + z * (-41.3417587f + z * (81.6046219f - 75.8379898f * z)));
+    itn__floats c = 1 + z * (-19.7391624f + z * (64.9222107f - 83.6179123f * z));
+    itn__ints sine_bits = itn__float_bits(itn__select(swapped, c, s));
+    itn__ints cosine_bits = itn__float_bits(itn__select(swapped, s, c));
+    *sine = itn__bits_float(sine_bits ^ (-((n >> 1) & 1) & sign));
+    *cosine = itn__bits_float(cosine_bits ^ (-(((n + 1) >> 1) & 1) & sign));
+}
+
+/* The angle of the vector (x, y) in [-pi, pi], signs as in atan2; (0, 0) has angle 0 or, if x is
+   -0, pi. Not for two infinities. */
+ITN__INLINE itn__floats itn__vatan2(itn__floats y, itn__floats x) {
+    static const float c[8] = {-.333331525f,  .199937671f,  -.14211002f,   .106657684f,
+                               -.0755165592f, .0432046354f, -.0163631029f, .00291939313f};
+    itn__floats size_x = itn__absolute(x), size_y = itn__absolute(y);
+    itn__ints steep = itn__less(size_x, size_y);
+    itn__floats larger = itn__select(steep, size_y, size_x);
+    itn__ints zero = itn__int_equal(itn__float_bits(larger), itn__splat_int(0));
+    itn__floats a = itn__select(steep, size_x, size_y) / itn__select(zero, itn__splat(1), larger);
+    itn__floats z = a * a;
+    itn__floats angle = a + a * z * itn__polynomial8(c, z);
+    angle = itn__select(steep, 1.57079637f - (angle + 4.37113883e-8f), angle); /* pi / 2 in two */
+    angle = itn__select(itn__float_bits(x) >> 31, 3.14159274f - (angle + 8.74227766e-8f), angle);
+    return itn__with_sign(angle, y);
+}
 
 /* Numbers v + d e with e^2 = 0: arithmetic on them carries the derivative d by one parameter along
    with the value (forward automatic differentiation). Media, surfaces and lights are written in
@@ -3818,7 +3895,7 @@ static void itn__sample_pixel(itn__walk *walk, uint64_t seed, int x, int y, int 
 
 /* ==================== PART III: SCENES, PICTURES, NETWORKS, SEARCHES, FILES =================== */
 
-/* ---- [means] text, threads, functions of lanes ----------------------------------------------- */
+/* ---- [means] text, threads ------------------------------------------------------------------- */
 
 /* Text. Messages are composed and numbers read without the C library, whose decimal point is the
    locale's: here it is always a point.
@@ -3959,31 +4036,25 @@ static const char *itn__parse_number(const char *at, const char *end, double *va
     return any ? at : NULL;
 }
 
-/* What many threads may do at once: add one to a number, which is returned as it was; set a pointer
-   once, if it is NULL, and tell whether it was: so what a scene computes on demand is kept by the
-   first to finish; and take it away again. Other compilers have one thread. */
+/* What many threads may do at once: add one to a number, which is returned as it was; read a
+   pointer; and change it, unless it is no longer what it was, and tell whether it was: so what a
+   scene computes on demand is kept by the first to finish. Other compilers have one thread. */
 #if defined(__GNUC__)
 #define itn__count_up(number) __atomic_fetch_add(number, 1, __ATOMIC_RELAXED)
 #define itn__once_get(shared) __atomic_load_n(shared, __ATOMIC_ACQUIRE)
-#define itn__once_take(shared) __atomic_exchange_n(shared, NULL, __ATOMIC_ACQ_REL)
-#define itn__once_set(shared, made) __sync_bool_compare_and_swap(shared, NULL, made)
+#define itn__once_change(shared, old, made) __sync_bool_compare_and_swap(shared, old, made)
 #elif defined(_MSC_VER)
 #include <intrin.h>
 #define itn__count_up(number) (_InterlockedIncrement(number) - 1)
 #define itn__once_get(shared) _InterlockedCompareExchangePointer(shared, NULL, NULL)
-#define itn__once_take(shared) _InterlockedExchangePointer(shared, NULL)
-#define itn__once_set(shared, made) (!_InterlockedCompareExchangePointer(shared, made, NULL))
+#define itn__once_change(shared, old, made)                                                        \
+    (_InterlockedCompareExchangePointer(shared, made, old) == (void *)(old))
 #else
 #undef ITN_THREADS
 #define ITN__HOOK_THREADS 1
 #define itn__count_up(number) ((*(number))++)
 #define itn__once_get(shared) (*(shared))
-#define itn__once_set(shared, made) (!*(shared) && (*(shared) = (made)) != NULL)
-static void *itn__once_take(void **shared) {
-    void *kept = *shared;
-    *shared = NULL;
-    return kept;
-}
+#define itn__once_change(shared, old, made) (*(shared) == (old) && ((*(shared) = (made)), 1))
 #endif
 #ifndef ITN__HOOK_THREADS
 #define ITN__HOOK_THREADS 32 /* at most */
@@ -4062,88 +4133,6 @@ static void itn__parallel_for(const itn_context *context, int count,
 #else
     for (int i = 0; i < count; i++) body(task, i);
 #endif
-}
-
-/* Elementary functions, without branches, tables or calls. Each one reduces its argument exactly,
-   or nearly so, to a short interval around 0 and evaluates there the polynomial whose largest
-   relative error is least (Remez' minimax fit to the function in double, coefficients rounded to
-   float one after the other with the rest fitted anew), summed in pairs, which halves the wait.
-   Largest errors in units in the last place hold with and without contraction to fused
-   multiply-adds, which is also all that results of different widths can differ by.
-     log:    x = 2^n (1 + f), |f| <= 1/3;          log x = n log 2 + f + f^2 P(f)            1.9 ulp
-     exp:    x = n log 2 + f, |f| <= log(2) / 2;   e^x = 2^n (1 + f + f^2 P(f))              1.1
-     sin, cos of 2 pi u:  u = n/4 + r, |r| <= 1/8; n tells which is which, and the signs     1.7
-     arctan: of the smaller over the larger side;  a + a^3 P(a^2), reflected at 1/8 and 1/4  2 */
-
-/* c[0] + c[1] x + ... + c[7] x^7. */
-ITN__INLINE itn__floats itn__polynomial8(const float *c, itn__floats x) {
-    itn__floats x2 = x * x;
-    itn__floats low = (c[0] + c[1] * x) + x2 * (c[2] + c[3] * x);
-    itn__floats high = (c[4] + c[5] * x) + x2 * (c[6] + c[7] * x);
-    return low + x2 * x2 * high;
-}
-
-/* The nearest whole number, a tie to the even one, for |v| < 2^22: in the sum with 1.5 * 2^23 the
-   last place is worth 1. */
-#define itn__nearest_ints(v) (itn__float_bits((v) + 12582912.f) - 0x4b400000)
-
-/* Natural logarithm of positive normal numbers; not of negative ones, infinity and NaN. Zero gives
-   -127 log 2 = -88.03. */
-ITN__INLINE itn__floats itn__vlog(itn__floats x) {
-    static const float c[8] = {-.499999374f, .333332002f,  -.250077456f, .200110793f,
-                               -.16417098f,  .139970019f, -.153832182f, .140213028f};
-    itn__ints bits = itn__float_bits(x);
-    itn__ints exponent = (bits - 0x3f2aaaab) & -0x800000; /* n 2^23: bits count from those of 2/3 */
-    itn__floats f = itn__bits_float(bits - exponent) - 1;
-    itn__floats whole = itn__to_floats(exponent) * 8.26295830e-8f; /* 2^-23 log 2 */
-    return f + (whole + f * f * itn__polynomial8(c, f));
-}
-
-/* e^x for any x: 0 below -104, infinity above 88.73, NaN for NaN. Two factors make up 2^n, since n
-   reaches beyond the exponents of floats. */
-ITN__INLINE itn__floats itn__vexp(itn__floats x) {
-    itn__words twice, half; /* exponents as floats keep them: each factor adds 127 */
-    x = itn__most(itn__splat(-105), x);
-    x = itn__least(itn__splat(89), x); /* NaN stays */
-    itn__ints n = itn__nearest_ints(x * 1.44269504f);
-    itn__floats n_log2 = itn__to_floats(n);
-    itn__floats f = (x - n_log2 * .693145752f) - n_log2 * 1.42860677e-6f; /* first product exact */
-    itn__floats f2 = f * f;
-    itn__floats sum = (.49999994f + .166665211f * f) + f2 * ((.0416682549f + .00836866256f * f) +
-                                                             f2 * .00138214685f);
-    sum = 1 + (f + f2 * sum);
-    twice = itn__int_words(n) + 254u, half = twice >> 1;
-    sum = sum * itn__bits_float(itn__word_ints(half << 23));
-    return sum * itn__bits_float(itn__word_ints((twice - half) << 23));
-}
-
-/* Sine and cosine of 2 pi u, |u| < 1e4. */
-ITN__INLINE void itn__vsincos_turns(itn__floats u, itn__floats *sine, itn__floats *cosine) {
-    itn__ints n = itn__nearest_ints(4 * u), swapped = -(n & 1), sign = itn__splat_int(INT32_MIN);
-    itn__floats r = u - .25f * itn__to_floats(n), z = r * r;
-    itn__floats s = r * (6.28318548f + z * (-41.3417587f + z * (81.6046219f - 75.8379898f * z)));
-    itn__floats c = 1 + z * (-19.7391624f + z * (64.9222107f - 83.6179123f * z));
-    itn__ints sine_bits = itn__float_bits(itn__select(swapped, c, s));
-    itn__ints cosine_bits = itn__float_bits(itn__select(swapped, s, c));
-    *sine = itn__bits_float(sine_bits ^ (-((n >> 1) & 1) & sign));
-    *cosine = itn__bits_float(cosine_bits ^ (-(((n + 1) >> 1) & 1) & sign));
-}
-
-/* The angle of the vector (x, y) in [-pi, pi], signs as in atan2; (0, 0) has angle 0 or, if x is
-   -0, pi. Not for two infinities. */
-ITN__INLINE itn__floats itn__vatan2(itn__floats y, itn__floats x) {
-    static const float c[8] = {-.333331525f,  .199937671f,  -.14211002f,   .106657684f,
-                               -.0755165592f, .0432046354f, -.0163631029f, .00291939313f};
-    itn__floats size_x = itn__absolute(x), size_y = itn__absolute(y);
-    itn__ints steep = itn__less(size_x, size_y);
-    itn__floats larger = itn__select(steep, size_y, size_x);
-    itn__ints zero = itn__int_equal(itn__float_bits(larger), itn__splat_int(0));
-    itn__floats a = itn__select(steep, size_x, size_y) / itn__select(zero, itn__splat(1), larger);
-    itn__floats z = a * a;
-    itn__floats angle = a + a * z * itn__polynomial8(c, z);
-    angle = itn__select(steep, 1.57079637f - (angle + 4.37113883e-8f), angle); /* pi / 2 in two */
-    angle = itn__select(itn__float_bits(x) >> 31, 3.14159274f - (angle + 8.74227766e-8f), angle);
-    return itn__with_sign(angle, y);
 }
 
 /* ---- [mesh] images, triangle meshes, and whether these are solids --------------------------- */
@@ -5320,10 +5309,36 @@ typedef struct itn__render {
     float roulette;      /* weights below this are raised to it by chance */
     int scales;          /* the scale of some light is asked for */
     int controls;        /* differences are taken off, see [value]; */
-    int learning;        /* V is learnt in this render, */
+    int learns;          /* V is learnt before this render, */
+    int learning;        /* or in it, */
     double lesson_unit;  /* in multiples of this */
     int rows;            /* of a path that are in use */
 } itn__render;
+
+/* A render's memory is taken block by block and given back at once. Fresh pages from the system
+   cost more than a small render: so the scene keeps the chain of the last one's blocks, unless it
+   is large, and the next one, which mostly asks for the same, takes them in the same order. Of
+   several renders at once one has it, and the others allocate. */
+enum { ITN__KEPT_BYTES = 4 << 20 }; /* kept for each thread */
+
+/* Takes count * size zeroed bytes; returns NULL if that overflows or memory is out. A block that is
+   too small is replaced. What a copy of the render takes is free again for the render itself. */
+#define ITN__TAKE(type, render, count) ((type *)itn__take(render, (size_t)(count), sizeof(type)))
+static void *itn__take(itn__render *render, size_t count, size_t size) {
+    const itn_context *context = &render->scene->context;
+    itn__block *block = *render->block;
+    if (size && count > SIZE_MAX / 4 / size) return NULL;
+    if (!block || block->size < count * size) {
+        itn__block *next = block ? block->next : NULL;
+        itn__free(context, block);
+        block = (itn__block *)itn__allocate_raw(context, ITN__HEADER + count * size);
+        *render->block = block ? block : next;
+        if (!block) return NULL;
+        block->kept.release = itn__free_blocks, block->size = count * size, block->next = next;
+    }
+    render->block = &block->next;
+    return memset((char *)block + ITN__HEADER, 0, count * size);
+}
 
 static int itn__pixel_samples(const itn__render *render, size_t pixel) {
     return render->options.samples ? render->options.samples[pixel] : render->options.spp;
@@ -5816,7 +5831,7 @@ static itn_result itn__tables_get(itn__render *render, itn_error *error) {
     itn__voxels *made = NULL;
     if (!itn__once_get(&scene->kept[level])) {
         result = itn__tables_make(scene, 16 << level, &made, error);
-        if (!result && !itn__once_set(&scene->kept[level], made))
+        if (!result && !itn__once_change(&scene->kept[level], NULL, made))
             itn__voxels_free(&scene->context, made); /* another render was first */
     }
     render->voxels = (itn__voxels *)itn__once_get(&scene->kept[level]);
@@ -7186,12 +7201,14 @@ static void itn__run_unit(itn__crowd *crowd) {
 #define ITN__LESSONS 32768. /* paths that V is learnt from */
 
 /* What the fast walk knows once it has its tables: the numbers of all media at theta, where the
-   camera is, and what is known of the lights. */
-static void itn__fast_know(itn__render *render) {
+   camera is, and what is known of the lights. Returns 0 if there is no memory. */
+static int itn__fast_know(itn__render *render) {
     const itn_scene *scene = render->scene;
     const float *theta = render->theta;
     double level = 0;
     float brightest = 0; /* of albedos and reflectances: what an object can be in a light of 1 */
+    render->substances = ITN__TAKE(itn__substance, render, 1 + scene->medium_count);
+    if (!render->substances) return 0;
     for (int i = 0; i < scene->parameter_count; i++)
         if (itn__is_a(scene, i, 'S')) brightest = itn__max(brightest, theta[i]);
     for (int i = 0; i < scene->medium_count; i++) {
@@ -7232,12 +7249,14 @@ static void itn__fast_know(itn__render *render) {
     level += render->constant[0] + render->constant[1] + render->constant[2];
     render->lesson_unit = level > 0 ? ldexp(1, ilogb(level) - 12) : 1;
     render->roulette = render->count ? ITN__ROULETTE / 2 : ITN__ROULETTE;
+    render->learns = render->options.estimator == ITN_ESTIMATOR_BASELINE && scene->medium_count;
     /* it pays with one medium in light that is everywhere the same, and many paths; derivatives
-       have learnt V anyway */
-    if (render->options.estimator == ITN_ESTIMATOR_BASELINE && render->only_constant)
-        render->controls = scene->medium_count == 1 && render->samples * render->walks >=
-                                                           (render->count ? 1 : 4) * ITN__LESSONS;
+       learn V anyway */
+    render->controls = render->learns && render->only_constant && scene->medium_count == 1 &&
+                       render->samples * render->walks >= (render->count ? 1 : 4) * ITN__LESSONS;
+    render->learns &= render->count || render->controls;
     render->rows = render->count ? ITN__ROWS : render->controls ? ITN__VALUE_ROWS : ITN__FEW_ROWS;
+    return 1;
 }
 
 #endif /* ITN_NO_FAST */
@@ -7252,32 +7271,7 @@ static void itn__fast_know(itn__render *render) {
    of the pixel (the adjoint). Samples come in sets, independent of each other: of one, of a Sobol
    sequence ([sobol]), or of three whose heroes are the three channels ([throughput]). With t the
    sum over a set of n and N = sum n, the mean is sum t / N, and its variance
-   (sum t^2 / n / N - mean^2) / (sets - 1).
-
-   A render's memory is taken block by block and given back at once. Fresh pages from the system
-   cost more than a small render: so the scene keeps the chain of the last one's blocks, unless it
-   is large, and the next one, which mostly asks for the same, takes them in the same order. Of
-   several renders at once one has it, and the others allocate. */
-enum { ITN__KEPT_BYTES = 4 << 20 }; /* kept for each thread */
-
-/* Takes count * size zeroed bytes; returns NULL if that overflows or memory is out. A block that is
-   too small is replaced. What a copy of the render takes is free again for the render itself. */
-#define ITN__TAKE(type, render, count) ((type *)itn__take(render, (size_t)(count), sizeof(type)))
-static void *itn__take(itn__render *render, size_t count, size_t size) {
-    const itn_context *context = &render->scene->context;
-    itn__block *block = *render->block;
-    if (size && count > SIZE_MAX / 4 / size) return NULL;
-    if (!block || block->size < count * size) {
-        itn__block *next = block ? block->next : NULL;
-        itn__free(context, block);
-        block = (itn__block *)itn__allocate_raw(context, ITN__HEADER + count * size);
-        *render->block = block ? block : next;
-        if (!block) return NULL;
-        block->kept.release = itn__free_blocks, block->size = count * size, block->next = next;
-    }
-    render->block = &block->next;
-    return memset((char *)block + ITN__HEADER, 0, count * size);
-}
+   (sum t^2 / n / N - mean^2) / (sets - 1). */
 
 /* Ends a render: tells what it did, and gives its memory to the scene. */
 static itn_result itn__render_end(itn__render *render, itn_result result) {
@@ -7288,18 +7282,21 @@ static itn_result itn__render_end(itn__render *render, itn_result result) {
     for (const itn__block *block = render->scratch; block; block = block->next)
         bytes += block->size;
     if (result || bytes / ITN__KEPT_BYTES >= (size_t)itn__loop_threads(&scene->context) ||
-        !itn__once_set(&scene->kept[ITN__SCRATCH], render->scratch))
+        !itn__once_change(&scene->kept[ITN__SCRATCH], NULL, render->scratch))
         itn__free_blocks(&scene->context, render->scratch);
     return result;
 }
 
-/* Why the scene cannot be differentiated in the index of surface `asked`, and where; NULL: it can.
-   A smooth boundary, its own or one between it and another solid, refracts into one direction,
-   which jumps with the index; a boundary between equal indices is not there at all. */
-static const char *itn__ior_flaw(const itn__render *render, int asked, const char **where) {
+/* Why the scene cannot be differentiated in an index, and where; NULL: it can. A smooth boundary,
+   the surface's own or one between it and another solid, refracts into one direction, which jumps
+   with the index; a boundary between equal indices is not there at all. */
+static const char *itn__ior_flaw(const itn__render *render, int parameter, const char **where) {
     const itn_scene *scene = render->scene;
     const itn__surface *surfaces = scene->surfaces;
-    float ior = render->theta[surfaces[asked].ior];
+    int asked = 0;
+    while (surfaces[asked].type != ITN_SURFACE_DIELECTRIC || surfaces[asked].ior != parameter)
+        asked++;
+    float ior = render->theta[parameter];
     *where = "";
     if (surfaces[asked].alpha < 0)
         return "a smooth surface refracts into one direction, which jumps with its index: only a "
@@ -7322,19 +7319,14 @@ static const char *itn__ior_flaw(const itn__render *render, int asked, const cha
 /* Gives each parameter asked for its slot, if the scene can be differentiated in it. */
 static itn_result itn__ask(itn__render *render, itn_error *error) {
     const itn_scene *scene = render->scene;
-    const char *flaw = NULL, *where;
     for (int k = 0; k < scene->parameter_count; k++) render->slots[k] = -1;
     for (int k = 0; k < render->count; k++) {
         int asked = render->parameters[k];
         if (asked < 0 || asked >= scene->parameter_count || render->slots[asked] >= 0)
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "render: parameter index %d is out of range or asked for twice",
-                             asked);
+            return ITN__INVALID("render: parameter %d is out of range or asked for twice", asked);
         render->slots[asked] = k, render->only[k] = scene->sources[asked].channel;
-        for (int i = 0; i < scene->surface_count && !flaw; i++)
-            if (scene->surfaces[i].type == ITN_SURFACE_DIELECTRIC &&
-                scene->surfaces[i].ior == asked)
-                flaw = itn__ior_flaw(render, i, &where);
+        int index = itn__is_a(scene, asked, 'N');
+        const char *where, *flaw = index ? itn__ior_flaw(render, asked, &where) : NULL;
         if (flaw)
             return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "%s: %s%s",
                              scene->parameters[asked].name, flaw, where);
@@ -7378,17 +7370,15 @@ static itn_result itn__choose_walk(itn__render *render, itn_error *error) {
     while (set > 1 && 4 * set > render->least) set /= 2;
     if (!render->fast) set = scene->spectral && set > 1 ? 3 : 1;
     render->set = render->fast && o->sampler == ITN_SAMPLER_RANDOM ? 1 : set;
-    if (o->spp > INT_MAX / render->walks)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "render: too many samples");
-    return ITN_OK;
+    return o->spp > INT_MAX / render->walks ? ITN__INVALID("render: too many samples") : ITN_OK;
 }
 
 static itn_result itn__check_theta(const itn_scene *scene, const float *theta, itn_error *error) {
     for (int i = 0; i < scene->parameter_count; i++) {
         const itn_parameter *p = &scene->parameters[i];
         if (!(theta[i] >= p->lower && theta[i] <= p->upper))
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s = %g is not in [%g, %g]", p->name,
-                             (double)theta[i], (double)p->lower, (double)p->upper);
+            return ITN__INVALID("%s = %g is not in [%g, %g]", p->name, (double)theta[i],
+                                (double)p->lower, (double)p->upper);
     }
     return ITN_OK;
 }
@@ -7408,8 +7398,8 @@ static itn_result itn__check_options(itn__render *render, itn_error *error) {
                  {"estimator", (int)o->estimator, ITN_ESTIMATOR_SCORE}};
     for (int k = 0; k < 6; k++)
         if (rows[k].value < 0 || rows[k].value > rows[k].upper)
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "render: %s = %d is not in [0, %d]",
-                             rows[k].name, rows[k].value, rows[k].upper);
+            return ITN__INVALID("render: %s = %d is not in [0, %d]", rows[k].name, rows[k].value,
+                                rows[k].upper);
     if (!o->spp) o->spp = 64;
     if (!o->walks) o->walks = 4;
     render->least = o->spp, render->samples = (double)render->pixels * o->spp;
@@ -7417,17 +7407,14 @@ static itn_result itn__check_options(itn__render *render, itn_error *error) {
     for (size_t i = 0; i < render->pixels && o->samples; i++) {
         int samples = o->samples[i];
         if (samples < 1 || samples > most)
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "render: samples[%d] = %d is not in [1, %d]", (int)i, samples, most);
+            return ITN__INVALID("render: samples[%d] = %d is not in [1, 2^24]", (int)i, samples);
         if (samples < render->least) render->least = samples;
         if (samples > o->spp) o->spp = samples;
         render->samples += samples;
     }
     for (size_t i = 0; render->weights && i < render->pixels * (size_t)render->channels; i++)
         if (!itn__finite(render->weights[i]))
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "render: value %d of the weights or the target is not finite",
-                             (int)i);
+            return ITN__INVALID("render: value %d of weights or target is not finite", (int)i);
     return ITN_OK;
 }
 
@@ -7439,8 +7426,7 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
                                     itn_error *error) {
     memset(render, 0, sizeof *render);
     if (!scene || count < 0 || (count && !parameters) || count > scene->parameter_count)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "render: scene or parameters missing, or count %d out of range", count);
+        return ITN__INVALID("render: scene or parameters missing, or count %d out of range", count);
     if (options) render->options = *options;
     render->scene = scene, render->channels = scene->film.channels;
     render->parameters = parameters, render->count = count, render->share = 1;
@@ -7449,13 +7435,13 @@ static itn_result itn__render_begin(itn__render *render, const itn_scene *scene,
     render->sums = weights ? count : render->planes;
     itn_result result = itn__check_options(render, error);
     if (result) return result;
-    render->scratch = (itn__block *)itn__once_take(&scene->kept[ITN__SCRATCH]);
+    void **kept = &scene->kept[ITN__SCRATCH], *taken = itn__once_get(kept);
+    if (itn__once_change(kept, taken, NULL)) render->scratch = (itn__block *)taken;
     render->block = &render->scratch;
     render->theta = ITN__TAKE(float, render, scene->parameter_count);
-    render->slots = ITN__TAKE(int, render, scene->parameter_count);
-    render->only = ITN__TAKE(int, render, scene->parameter_count);
-    if (!render->theta || !render->slots || !render->only)
-        return itn__out_of_memory(error, "a render");
+    render->slots = ITN__TAKE(int, render, 2 * scene->parameter_count);
+    if (!render->theta || !render->slots) return itn__out_of_memory(error, "a render");
+    render->only = render->slots + scene->parameter_count;
     if (theta) memcpy(render->theta, theta, (size_t)scene->parameter_count * sizeof(float));
     else itn_parameter_values(scene, render->theta);
     result = itn__check_theta(scene, render->theta, error);
@@ -7490,8 +7476,7 @@ static itn__crowd *itn__crowd_make(itn__render *render, float *radiance) {
     itn__crowd *crowd = ITN__TAKE(itn__crowd, render, 1);
     itn__queue *queues = ITN__TAKE(itn__queue, render, substances + render->scene->surface_count);
     float *scores = ITN__TAKE(float, render, 2 * ITN__CROWD * render->count);
-    double *lessons = ITN__TAKE(double, render,
-                                render->learning ? substances * ITN__LESSON_SUMS : 0);
+    double *lessons = ITN__TAKE(double, render, substances * ITN__LESSON_SUMS);
     if (!crowd || !queues || !scores || !lessons) return NULL;
     crowd->render = render, crowd->radiance = radiance;
     crowd->walk = queues, crowd->surface = queues + substances;
@@ -7551,35 +7536,18 @@ static void itn__walk_sample(const itn__render *render, itn__worker *worker, siz
            channels * (size_t)walk->count * sizeof(float));
     for (int k = 0; texels && k < texels->touched_count; k++) {
         size_t at = (size_t)texels->touched[k], c = at / (size_t)texels->count;
-        double value = (double)render->weights[c * render->pixels + pixel] * texels->path[at];
-        value *= 1. / itn__pixel_samples(render, pixel);
+        double value = (double)render->weights[c * render->pixels + pixel] * texels->path[at] *
+                       (1. / itn__pixel_samples(render, pixel));
         texels->sums[at] += value, texels->squares[at] += value * value, texels->path[at] = 0;
     }
     if (texels) texels->touched_count = 0;
 }
 
-/* Adds a sample's planes, or derivatives folded, to the sums of its set; a whole set goes to the
-   totals. */
-static void itn__deposit(const itn__render *render, double *set, size_t pixel, int sample,
-                         const float *values) {
-    int n = sample % render->set + 1, channels = render->channels;
-    int whole = n == render->set || sample + 1 == itn__pixel_samples(render, pixel);
-    double *totals = render->totals + 2 * pixel * (size_t)render->sums;
-    for (int k = 0; k < render->sums; k++, totals += 2) {
-        double sum = n > 1 ? set[k] : 0;
-        if (!render->weights) sum += (double)values[k];
-        for (int c = 0; c < channels && render->weights; c++)
-            sum += (double)render->weights[(size_t)c * render->pixels + pixel] *
-                   (double)values[channels * (1 + k) + c];
-        set[k] = sum;
-        if (whole) totals[0] += sum, totals[1] += sum * sum / (n * render->walks);
-    }
-}
-
-/* Does a unit: its samples, as far as pixels have them. */
+/* Does a unit: traces its samples, and adds their planes, or derivatives folded, to the sums of a
+   set; a whole set goes to the totals. */
 static void itn__do_unit(const itn__render *render, itn__worker *worker, itn__unit unit) {
-    int rays = unit.side * unit.side * unit.count;
-    size_t pixel, planes = (size_t)render->planes;
+    int rays = unit.side * unit.side * unit.count, channels = render->channels, sample;
+    size_t pixel, planes = (size_t)render->planes, sums = (size_t)render->sums;
 #ifndef ITN_NO_FAST
     if (render->fast) {
         memset(worker->values, 0, (size_t)rays * planes * sizeof(float));
@@ -7590,10 +7558,20 @@ static void itn__do_unit(const itn__render *render, itn__worker *worker, itn__un
 #endif
     for (int ray = 0; ray < rays; ray++) {
         const float *values = worker->values + (render->fast ? (size_t)ray * planes : 0);
-        int sample = itn__unit_sample(render, &unit, ray, &pixel);
-        if (sample < 0) continue;
+        if ((sample = itn__unit_sample(render, &unit, ray, &pixel)) < 0) continue;
         if (!render->fast) itn__walk_sample(render, worker, pixel, sample);
-        itn__deposit(render, worker->set, pixel, sample, values);
+        int n = sample % render->set + 1;
+        int whole = n == render->set || sample + 1 == itn__pixel_samples(render, pixel);
+        for (int k = 0; k < render->sums; k++) {
+            double *totals = render->totals + 2 * (pixel * sums + (size_t)k);
+            double sum = n > 1 ? worker->set[k] : 0;
+            if (!render->weights) sum += (double)values[k];
+            for (int c = 0; c < channels && render->weights; c++)
+                sum += (double)render->weights[(size_t)c * render->pixels + pixel] *
+                       (double)values[channels * (1 + k) + c];
+            worker->set[k] = sum;
+            if (whole) totals[0] += sum, totals[1] += sum * sum / (n * render->walks);
+        }
     }
 }
 
@@ -7691,15 +7669,10 @@ static itn_result itn__learn_values(itn__render *render, itn_error *error) {
 static itn_result itn__render_run(itn__render *render, itn_error *error) {
     itn_result result = ITN_OK;
 #ifndef ITN_NO_FAST
-    int media = render->scene->medium_count;
-    int baseline = render->options.estimator == ITN_ESTIMATOR_BASELINE;
-    if (render->fast && !(result = itn__tables_get(render, error))) {
-        render->substances = ITN__TAKE(itn__substance, render, 1 + media);
-        if (!render->substances) return itn__out_of_memory(error, "a render");
-        itn__fast_know(render);
-        if ((baseline && render->count && media) || render->controls)
-            result = itn__learn_values(render, error);
-    }
+    if (render->fast) result = itn__tables_get(render, error);
+    if (render->fast && !result && !itn__fast_know(render))
+        result = itn__out_of_memory(error, "a render");
+    if (render->fast && !result && render->learns) result = itn__learn_values(render, error);
 #endif
     return result ? result : itn__do_tiles(render, error);
 }
@@ -7760,7 +7733,7 @@ ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
                               itn_image *image, itn_error *error) {
     itn__render render;
     itn_image made = ITN_ZERO;
-    if (!image) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_render: image is NULL");
+    if (!image) return ITN__INVALID("itn_render: image is NULL");
     itn_result result = itn__render_begin(&render, scene, theta, options, parameters, count, NULL,
                                           error);
     if (!result) result = itn__render_run(&render, error);
@@ -7797,8 +7770,7 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
                                        double *variance, itn_error *error) {
     itn__render render;
     if (!scene || !weights || !gradient || count < 1)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_render_gradient: NULL argument or count %d", count);
+        return ITN__INVALID("itn_render_gradient: NULL argument or count %d", count);
     itn_result result = itn__render_begin(&render, scene, theta, options, parameters, count,
                                           weights, error);
     if (!result) result = itn__fold(&render, gradient, variance, error);
@@ -7808,9 +7780,9 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
 /* The images of that name's surface and light; returns how many there are. */
 static int itn__find_texels(const itn_scene *scene, const char *item, itn__texels *texels) {
     size_t length = strlen(item);
-    for (int i = 0; i < scene->surface_count && !texels->texture; i++) {
-        const itn__surface *surface = &scene->surfaces[i];
-        if (strcmp(surface->name, item) || !surface->texels) continue;
+    const itn__surface *surface = scene->surfaces;
+    int named = itn__find_name(item, surface, sizeof *surface, scene->surface_count);
+    if (named >= 0 && (surface += named)->texels) {
         texels->texture = surface, texels->width = surface->width;
         texels->count = surface->width * surface->height;
     }
@@ -7833,12 +7805,11 @@ ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float
     itn_image made = ITN_ZERO;
     memset(&texels, 0, sizeof texels);
     if (!scene || !weights || !item || !gradient)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_render_texel_gradient: NULL argument");
+        return ITN__INVALID("itn_render_texel_gradient: NULL argument");
     int found = itn__find_texels(scene, item, &texels);
     if (found != 1)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_render_texel_gradient: %s \"%.32s\" that has an image",
-                         found ? "both a surface and a light" : "no surface or light", item);
+        return ITN__INVALID("itn_render_texel_gradient: %s \"%.32s\" that has an image",
+                            found ? "both a surface and a light" : "no surface or light", item);
     itn_result result = itn__render_begin(&render, scene, theta, options, NULL, 0, weights, error);
     render.texels = &texels;
     if (!result) result = itn__choose_walk(&render, error);
@@ -7878,9 +7849,7 @@ static itn_result itn__render_loss(itn__render *render, double *loss, itn_error 
     *loss = sum / (double)values;
     render->stats = residual.stats;
     if (!itn__finite(sum))
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_loss_gradient: squares of the image's values are too large for a "
-                         "float");
+        return ITN__INVALID("itn_loss_gradient: squares of the image's values are beyond floats");
     return ITN_OK;
 }
 
@@ -7891,12 +7860,11 @@ ITN_API itn_result itn_loss_gradient(const itn_scene *scene, const float *theta,
     itn__render render;
     double value = 0;
     if (!scene || !target || !loss || count < 0 || (count && !gradient))
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_loss_gradient: NULL argument or count %d", count);
+        return ITN__INVALID("itn_loss_gradient: NULL argument or count %d", count);
     itn_result result = itn__render_begin(&render, scene, theta, options, parameters, count,
                                           target, error);
     if (!result && render.least < 2)
-        result = itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_loss_gradient: spp is below 2");
+        result = ITN__INVALID("itn_loss_gradient: spp is below 2");
     if (!result) result = itn__render_loss(&render, &value, error);
     if (count && !result) result = itn__fold(&render, gradient, NULL, error);
     if (!result) *loss = value;

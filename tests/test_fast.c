@@ -247,8 +247,7 @@ static void open_render(inside *in, const itn_scene *scene, const itn_render_opt
     stage_need(itn__render_begin(render, scene, NULL, options, in->parameters, in->count, NULL,
                                  &error), &error);
     stage_need(itn__tables_get(render, &error), &error);
-    render->substances = ITN__TAKE(itn__substance, render, 1 + scene->medium_count);
-    itn__fast_know(render);
+    CHECK(itn__fast_know(render));
     stage_need(itn__divide(render, &error), &error);
 }
 static void close_render(inside *in) { itn__render_end(&in->render, ITN_OK); }
