@@ -8662,12 +8662,12 @@ typedef struct itn__refine_view {
     const itn_scene *scene;
     int asked; /* how many of the unknowns it has: as which parameters, and which */
     int parameters[ITN__MOST_UNKNOWNS], unknowns[ITN__MOST_UNKNOWNS];
-    int width, height, noise_unknown; /* of pictures that are compared; whether the target's is */
-    size_t plane, pixels;             /* their pixels, of one channel and of all */
+    int width, height, noise_unknown; /* of what is compared; whether the target's noise is */
+    size_t plane, pixels;             /* pixels of one channel and of all */
     double nugget;                    /* the target's variance where that is not known */
-    float *theta, *target, *target_variance; /* the latter INFINITY where the target is masked */
-    float *scale, *residual[2]; /* one over the deviation of residuals, or 0; of renders a and b,
-                                   times scale */
+    float *theta, *target, *target_variance; /* the last: INFINITY where the target is masked */
+    float *scale, *residual[2]; /* one over the deviation of residuals, or 0; those of renders a
+                                   and b, times scale */
     float *known[2], *fresh[2]; /* these renders, of all evaluations that count, and the last */
     float *blurred[2], *score;  /* [count][pixels] K J of a and b; [count][plane] see [normal] */
     float *spare;
@@ -8695,7 +8695,7 @@ typedef struct itn__refiner {
                                      others; its eigenvectors are the columns */
     double *noise, *covariance;   /* N, covariance of b, along these; that of the coordinates */
     itn__misfit misfit;
-    int block, coarse; /* pixels are means of block x block; whether that is but the beginning */
+    int block, coarse; /* pixels are means of block x block; whether whole ones come later */
     int spp, known, final, most; /* samples of a pixel of each render: of the last one, all that
                                     count, wanted, and at most */
     int part, arrived, ended;    /* which render is under way; whether all that is seen is noise;
@@ -8703,8 +8703,8 @@ typedef struct itn__refiner {
     uint64_t renders;
     double begun, since, rendering; /* seconds: when the search began, these pictures were first
                                        looked at, and the evaluation began */
-    double work, drawn; /* samples since then; share of the renders in what is not known */
-    itn_refine_step shown;          /* to the caller */
+    double work, drawn;    /* samples of these pictures; the renders' share in what is not known */
+    itn_refine_step shown; /* to the caller */
 } itn__refiner;
 
 /* Turns transformed coordinates into those along the valley (direction 1) or back (-1). */
