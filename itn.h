@@ -192,8 +192,7 @@ typedef struct itn_mesh {
     float *positions;    /* [vertex_count][3], scene units; in a scene within 1e18 of its origin */
     int *triangles;      /* [triangle_count][3], indices of vertices */
     float *uvs;          /* [triangle_count][3][2], texture coordinates of the corners, in a scene
-                            in [-1e6,1e6], or NULL; (0,0) is the lower left corner of an image,
-                            (1,1) the upper right one */
+                            in [-1e6,1e6], or NULL; (0,0) is an image's lower left corner */
     itn_context context; /* what made it and frees it */
 } itn_mesh;
 
@@ -204,11 +203,11 @@ ITN_API itn_result itn_mesh_create(int vertex_count, int triangle_count, int wit
 ITN_API void itn_mesh_free(itn_mesh *mesh);
 
 /* What is wrong with a mesh. Vertices at equal positions count as one, so that seams are closed.
-   An edge is good when exactly two triangles share it, in opposite directions (an even number,
-   half of each direction, where parts of the mesh touch). The mesh is a solid if volume > 0 and all
-   counts are 0, but for degenerate_triangles and inverted_parts that are cavities. Whether parts
-   are inside out, overlap or lie within each other, only itn_scene_create finds: it refuses a solid
-   if more than 1 in 40 lines through it enters, or leaves, twice in a row. */
+   An edge is good when it is used as often in one direction as in the other: by two triangles, or
+   more where parts of the mesh touch. The mesh is a solid if volume > 0 and all counts are 0, but
+   for degenerate_triangles and inverted_parts that are cavities. Whether parts overlap or lie in
+   each other, only itn_scene_create finds: it refuses a solid if more than 1 in 40 lines through it
+   enters, or leaves, twice in a row. */
 typedef struct itn_mesh_report {
     int bad_vertices;         /* those with a coordinate that is NaN or infinite */
     int bad_indices;          /* triangles that name a vertex out of range */
@@ -251,10 +250,10 @@ ITN_API itn_result itn_bvh_create(const itn_mesh *mesh, const itn_context *conte
                                   itn_error *error);
 /* Frees a hierarchy. */
 ITN_API void itn_bvh_free(itn_bvh *bvh);
-/* Returns 1 and fills hit with the nearest intersection, or returns 0 and leaves hit alone.
-   Watertight: a ray through an edge or vertex shared by triangles never slips between them, unless
-   coordinates are beyond 1e37. Of hits at equal t, that of the smaller triangle index counts. A ray
-   that is not finite, but for tmin and tmax, hits nothing. Pointers must not be NULL. */
+/* Returns 1 and fills hit with the nearest intersection (at equal t that of the smaller index), or
+   returns 0 and leaves hit alone. Watertight: a ray never slips between triangles that share an
+   edge or a vertex, unless coordinates are beyond 1e37. A ray that is not finite, but for tmin and
+   tmax, hits nothing. Pointers must not be NULL. */
 ITN_API int itn_bvh_nearest(const itn_bvh *bvh, const itn_ray *ray, itn_hit *hit);
 /* Returns 1 if anything lies between tmin and tmax, else 0. */
 ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray);
@@ -1677,9 +1676,6 @@ static void itn__pack_fill(itn__pack *pack, const itn__triangle *triangles, cons
     }
 }
 
-/* The corners of a pack as a ray sees them: sheared x and y, and their t. */
-typedef float itn__seen[3][3][ITN__PACK];
-
 /* The triangle of a place. */
 static itn__triangle itn__pack_triangle(const itn__pack *pack, int place) {
     itn__triangle triangle;
@@ -1689,8 +1685,9 @@ static itn__triangle itn__pack_triangle(const itn__pack *pack, int place) {
     return triangle;
 }
 
-/* Tests the triangle of a place. Rare, so kept out of the loop over packs. */
-ITN__NOINLINE int itn__place_hit(const itn__pack *pack, int place, itn__seen seen,
+/* Tests the triangle of a place. seen: the corners as the ray sees them, sheared x and y, and their
+   t. Rare, so kept out of the loop over packs. */
+ITN__NOINLINE int itn__place_hit(const itn__pack *pack, int place, float seen[3][3][ITN__PACK],
                                  const itn__shear *shear, float tmin, const itn__sides *sides,
                                  itn_hit *best) {
     double p[3][3], w[3], exact;
@@ -1720,7 +1717,7 @@ ITN__NOINLINE int itn__place_hit(const itn__pack *pack, int place, itn__seen see
    Returns whether *best has changed. */
 ITN__INLINE int itn__pack_hit(const itn__pack *pack, const itn__shear *s, float tmin,
                               const itn__sides *sides, itn_hit *best) {
-    itn__seen seen;
+    float seen[3][3][ITN__PACK];
     unsigned fronts = pack->used, backs = pack->used, met = 0; /* places, as bits */
     int found = 0, k;
     if (sides && pack->object >= 0) {
@@ -2050,13 +2047,10 @@ static void itn__slabs_make(itn__slabs *s, const itn_bvh *bvh, const itn_ray *ra
                           itn__max_abs(itn__sub(bvh->lower, ray->origin)));
     for (int k = 0; k < 3; k++) {
         float margin = 8 * FLT_EPSILON * size + FLT_EPSILON * fabsf(origin[k]) + FLT_MIN;
-        s->inverse[k] = 1 / direction[k];
+        s->inverse[k] = 1 / direction[k], margin = copysignf(margin, s->inverse[k]);
         int back = s->inverse[k] < 0 ? 3 : 0;
-        margin = copysignf(margin, s->inverse[k]);
-        s->origin_first[k] = origin[k] + margin;
-        s->origin_last[k] = origin[k] - margin;
-        s->first[k] = k + back;
-        s->last[k] = k + 3 - back;
+        s->first[k] = k + back, s->last[k] = k + 3 - back;
+        s->origin_first[k] = origin[k] + margin, s->origin_last[k] = origin[k] - margin;
     }
     s->start = -itn__widen(-ray->tmin);
     s->end = itn__widen(ray->tmax);
@@ -4188,8 +4182,6 @@ static int itn__image_colours(const itn_image *image, const float *planes[3]) {
     return planes[0] != NULL;
 }
 
-/* Meshes. */
-
 ITN_API itn_result itn_mesh_create(int vertex_count, int triangle_count, int with_uvs,
                                    const itn_context *context, itn_mesh *mesh, itn_error *error) {
     itn_mesh made = ITN_ZERO;
@@ -4229,22 +4221,6 @@ static itn_result itn__mesh_readable(const itn_mesh *mesh, const char *who, itn_
                      "or its vertex_count or triangle_count is negative", who);
 }
 
-/* Copies a mesh's triangles. */
-static itn_result itn__bvh_load(itn_bvh *bvh, const itn_mesh *mesh, itn_error *error) {
-    for (int i = 0; i < mesh->triangle_count; i++)
-        for (int k = 0; k < 3; k++) {
-            int corner = mesh->triangles[3 * (size_t)i + (size_t)k];
-            int there = corner >= 0 && corner < mesh->vertex_count;
-            const float *p = mesh->positions + (there ? 3 * (size_t)corner : 0);
-            if (!there || !itn__finite3(itn__vec3(p[0], p[1], p[2])))
-                return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                                 "itn_bvh_create: vertex %d of triangle %d %s", corner, i,
-                                 there ? "is not finite" : "is missing");
-            memcpy(bvh->triangles[i].corner[k], p, 3 * sizeof *p);
-        }
-    return ITN_OK;
-}
-
 ITN_API itn_result itn_bvh_create(const itn_mesh *mesh, const itn_context *context, itn_bvh **bvh,
                                   itn_error *error) {
     itn_context own;
@@ -4253,11 +4229,20 @@ ITN_API itn_result itn_bvh_create(const itn_mesh *mesh, const itn_context *conte
     if (!result) result = itn__mesh_readable(mesh, "itn_bvh_create", error);
     if (result) return result;
     if (!bvh || mesh->triangle_count == 0)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_bvh_create: %s",
-                         bvh ? "the mesh has no triangle" : "bvh is NULL");
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                         "itn_bvh_create: bvh is NULL, or the mesh has no triangle");
     if (mesh->triangle_count < 1 << 30) made = itn__bvh_new(&own, mesh->triangle_count);
     if (!made) return itn__out_of_memory(error, "a bounding volume hierarchy");
-    result = itn__bvh_load(made, mesh, error);
+    for (size_t i = 0; i < 3 * (size_t)mesh->triangle_count && !result; i++) {
+        int vertex = mesh->triangles[i], there = vertex >= 0 && vertex < mesh->vertex_count;
+        const float *p = mesh->positions + (there ? 3 * (size_t)vertex : 0);
+        if (there && itn__finite3(itn__vec3(p[0], p[1], p[2])))
+            memcpy(made->triangles[i / 3].corner[i % 3], p, 3 * sizeof *p);
+        else
+            result = itn__fail(error, ITN_ERROR_ARGUMENT, 0,
+                               "itn_bvh_create: vertex %d of triangle %d %s", vertex, (int)(i / 3),
+                               there ? "is not finite" : "is missing");
+    }
     if (!result) result = itn__bvh_build(made, error);
     if (result) itn_bvh_free(made);
     else *bvh = made;
@@ -10640,9 +10625,10 @@ ITN_API ITN__COLD itn_result itn_image_save_png(const itn_image *image, int firs
 
 enum { ITN__EAR_CORNERS = 4096 }; /* most corners of a polygon that is cut by ears */
 
+/* Numbers of a vertex and of texture coordinates from the lists, no such: none; the position. */
 typedef struct itn__corner {
-    int vertex, textured; /* textured: uv are given */
-    float p[3], uv[2];
+    size_t vertex, texture;
+    const float *p;
 } itn__corner;
 
 typedef struct itn__builder {
@@ -10652,20 +10638,17 @@ typedef struct itn__builder {
     int untextured;                   /* some of these have no uv */
 } itn__builder;
 
-/* Adds a corner of a vertex and texture coordinates from the lists; no such: none. */
 static void itn__add_corner(itn__builder *b, size_t vertex, size_t texture) {
-    itn__corner corner = ITN_ZERO;
-    corner.vertex = (int)vertex, corner.textured = texture < b->texcoords.size / 8;
-    memcpy(corner.p, b->positions.bytes + 12 * vertex, 12);
-    if (corner.textured) memcpy(corner.uv, b->texcoords.bytes + 8 * texture, 8);
+    const float *positions = (const float *)(const void *)b->positions.bytes;
+    itn__corner corner = {vertex, texture, positions + 3 * vertex};
     itn__put(&b->corners, &corner, sizeof corner);
 }
 
-/* How a polygon turns, positive to the left, at i between h and j, seen along an axis of which the
-   other two are `plane`: exact but for a last rounding. */
+/* How a polygon turns, positive to the left, at i between h and j, seen against an axis (views 0 to
+   2) or along it (3 to 5): exact but for a last rounding. */
 static double itn__turn(const itn__corner *h, const itn__corner *i, const itn__corner *j,
-                        const int plane[2]) {
-    int x = plane[0], y = plane[1];
+                        int view) {
+    int x = (view + 1 + view / 3) % 3, y = (view + 2 - view / 3) % 3;
     return ((double)i->p[x] - h->p[x]) * ((double)j->p[y] - h->p[y]) -
            ((double)i->p[y] - h->p[y]) * ((double)j->p[x] - h->p[x]);
 }
@@ -10676,11 +10659,11 @@ static int itn__same_place(const itn__corner *a, const itn__corner *b) {
 
 /* Whether corner i, between h and j, of the count that are left is an ear. */
 static int itn__is_ear(const itn__corner *c, int count, const itn__corner *h, const itn__corner *i,
-                       const itn__corner *j, const int plane[2]) {
-    if (!(itn__turn(h, i, j, plane) > 0)) return 0;
+                       const itn__corner *j, int view) {
+    if (!(itn__turn(h, i, j, view) > 0)) return 0;
     for (const itn__corner *d = c; d < c + count; d++)
-        if (itn__turn(h, i, d, plane) >= 0 && itn__turn(i, j, d, plane) >= 0 &&
-            itn__turn(j, h, d, plane) >= 0 && !itn__same_place(d, h) && !itn__same_place(d, i) &&
+        if (itn__turn(h, i, d, view) >= 0 && itn__turn(i, j, d, view) >= 0 &&
+            itn__turn(j, h, d, view) >= 0 && !itn__same_place(d, h) && !itn__same_place(d, i) &&
             !itn__same_place(d, j))
             return 0;
     return 1;
@@ -10694,34 +10677,34 @@ static int itn__is_ear(const itn__corner *c, int count, const itn__corner *h, co
 static void itn__add_polygon(itn__builder *b, itn__text *text) {
     itn__corner *c = (itn__corner *)(void *)b->corners.bytes;
     size_t given = b->corners.size / sizeof *c;
-    int count = (int)given, n = 0, fan = 1, earless = 0, plane[2] = {0, 1}, k;
+    int count = (int)given, n = 0, fan = 1, earless = 0, view = 0, k;
     double largest = 0;
     if (given < 3 || given > INT_MAX / 16)
         ITN__DAMAGED(text, "a face needs three corners or more, not %.0f", (double)given);
     if (text->result) return;
     for (int i = 0; i < count; i++)
         if (n + count - i <= 3 || !itn__same_place(c + i, c + (i + 1) % count)) c[n++] = c[i];
-    for (k = 0; k < 3; k++) {
-        const int seen[2] = {(k + 1) % 3, (k + 2) % 3};
+    for (k = 0; k < 6; k++) {
         double area = 0;
-        for (int i = 1; i + 1 < n; i++) area += itn__turn(c, c + i, c + i + 1, seen);
-        if (!(fabs(area) > largest)) continue;
-        largest = fabs(area), plane[area < 0] = seen[0], plane[area > 0] = seen[1];
+        for (int i = 1; i + 1 < n; i++) area += itn__turn(c, c + i, c + i + 1, k);
+        if (area > largest) largest = area, view = k;
     }
     for (int i = 1; i + 1 < n && largest > 0; i++)
-        fan &= itn__turn(c, c + i, c + i + 1, plane) >= 0;
+        fan &= itn__turn(c, c + i, c + i + 1, view) >= 0;
     if (!fan && n > ITN__EAR_CORNERS)
         ITN__UNSUPPORTED(text, "a face of this shape has more than %d corners", ITN__EAR_CORNERS);
     for (int i = n - 1; n >= 3 && !text->result; n--, i = (i + n - 1) % n) {
         for (k = 0; k < n && n > 3 && !fan && earless < 2; k++, i = (i + 1) % n)
-            if (itn__is_ear(c, n, c + (i + n - 1) % n, c + i, c + (i + 1) % n, plane)) break;
+            if (itn__is_ear(c, n, c + (i + n - 1) % n, c + i, c + (i + 1) % n, view)) break;
         earless += k == n;
         const int cut[3] = {(i + 1) % n, (i + n - 1) % n, i};
         for (int m = 0; m < 3; m++) {
-            const itn__corner *corner = c + cut[m];
-            itn__put(&b->triangles, &corner->vertex, sizeof corner->vertex);
-            itn__put(&b->uvs, corner->uv, sizeof corner->uv);
-            b->untextured |= !corner->textured;
+            static const float none[2] = {0, 0};
+            const size_t texture = c[cut[m]].texture;
+            const int vertex = (int)c[cut[m]].vertex, given_uv = texture < b->texcoords.size / 8;
+            itn__put(&b->triangles, &vertex, sizeof vertex);
+            itn__put(&b->uvs, given_uv ? b->texcoords.bytes + 8 * texture : (const void *)none, 8);
+            b->untextured |= !given_uv;
         }
         memmove(c + i, c + i + 1, (size_t)(n - i - 1) * sizeof *c);
     }
@@ -10759,8 +10742,9 @@ static itn_result itn__builder_mesh(itn__builder *b, const char *name, itn_mesh 
 /* OBJ is lines of a keyword and arguments: "v x y z", "vt u v", "f a/t/n ...". Indices count from
    1, or backwards from -1, the latest. */
 
-/* Reads a corner "v", "v/t", "v//n" or "v/t/n" of what stands above it: counts of each. */
-static void itn__obj_corner(itn__text *text, itn__builder *b, const size_t counts[3]) {
+/* Reads a corner "v", "v/t", "v//n" or "v/t/n" of what stands above it. */
+static void itn__obj_corner(itn__text *text, itn__builder *b, size_t normals) {
+    const size_t counts[3] = {b->positions.size / 12, b->texcoords.size / 8, normals};
     const char *word = text->at, *at = word, *end = word + itn__word_length(text);
     size_t index[3] = {SIZE_MAX, SIZE_MAX, SIZE_MAX};
     int valid = 1;
@@ -10781,7 +10765,7 @@ static void itn__obj_corner(itn__text *text, itn__builder *b, const size_t count
 
 static void itn__obj_decode(itn__text *text, itn__builder *b) {
     static const char *const names[] = {"vertex", "texture coordinate"};
-    size_t counts[3] = {0, 0, 0}; /* of vertices, texture coordinates and normals */
+    size_t normals = 0; /* how many, for the corners that name them, no more */
     for (; text->at < text->end; itn__next_line(text)) {
         float numbers[3] = {0, 0, 0};
         int keyword = itn__accept(text, "v vt vn f");
@@ -10791,11 +10775,10 @@ static void itn__obj_decode(itn__text *text, itn__builder *b) {
             itn__put(keyword ? &b->texcoords : &b->positions, numbers, keyword ? 8 : 12);
         } else if (keyword == 3) {
             b->corners.size = 0;
-            while (!itn__line_done(text)) itn__obj_corner(text, b, counts);
+            while (!itn__line_done(text)) itn__obj_corner(text, b, normals);
             itn__add_polygon(b, text);
         }
-        counts[0] = b->positions.size / 12, counts[1] = b->texcoords.size / 8;
-        counts[2] += keyword == 2; /* for the corners that name them, no more */
+        normals += keyword == 2;
         /* the rest is let go, also where a backslash that stands alone leads to the next line; one
            that ends a word is a part of a name */
         while (!itn__line_done(text))
@@ -10856,20 +10839,6 @@ static const char *itn__ply_property(itn__ply *ply, itn__ply_line *p) {
     return NULL;
 }
 
-/* Reads "name count". Returns NULL, or what is wrong. */
-static const char *itn__ply_element(itn__ply *ply, itn__ply_line *element) {
-    int kind = ply->kind = element->role = itn__accept(ply->text, "vertex face") + 1;
-    if (!kind) ply->text->at += itn__word_length(ply->text);
-    double count = element->count = itn__take_decimal(ply->text, NULL);
-    element->type = -1;
-    if (!(count >= 0 && count <= (kind ? INT_MAX : 1e15) && count == floor(count)))
-        return "element has no valid count";
-    if (kind && ply->kinds >= 1 << kind)
-        return "has an element twice, or faces before the vertices";
-    ply->kinds |= 1 << kind;
-    return NULL;
-}
-
 static void itn__ply_header(itn__ply *ply) {
     itn__text *text = ply->text;
     const char *fault = NULL;
@@ -10885,8 +10854,17 @@ static void itn__ply_header(itn__ply *ply) {
         itn__skip_blanks(text);
         if (text->at == text->end) fault = "header has no end";
         else if (keyword >= 4 && ply->count++ == 544) fault = "header has too many lines";
-        else if (keyword == 5) fault = itn__ply_element(ply, line);
-        else if (keyword == 4) fault = itn__ply_property(ply, line);
+        else if (keyword == 5) { /* "name count" */
+            int kind = ply->kind = line->role = itn__accept(text, "vertex face") + 1;
+            if (!kind) text->at += itn__word_length(text);
+            double count = line->count = itn__take_decimal(text, NULL);
+            line->type = -1;
+            if (!(count >= 0 && count <= (kind ? INT_MAX : 1e15) && count == floor(count)))
+                fault = "element has no valid count";
+            else if (kind && ply->kinds >= 1 << kind)
+                fault = "has an element twice, or faces before the vertices";
+            ply->kinds |= 1 << kind;
+        } else if (keyword == 4) fault = itn__ply_property(ply, line);
         else if (keyword == 3) {
             ply->format = itn__accept(text, "ascii binary_little_endian binary_big_endian");
             if (ply->format < 0 || itn__accept(text, "1.0") < 0) fault = "has an unknown format";
@@ -10950,30 +10928,26 @@ static void itn__ply_entry(itn__ply *ply, int kind, const itn__ply_line *p, int 
         itn__put(&b->texcoords, numbers + ITN__PLY_U, 8);
     if (kind != ITN__PLY_FACE) return;
     itn__corner *corners = (itn__corner *)(void *)b->corners.bytes;
-    size_t own = (b->texcoords.size - before) / 4;
-    if (own && own != 2 * (b->corners.size / sizeof *corners))
+    size_t count_of_corners = b->corners.size / sizeof *corners, own = b->texcoords.size - before;
+    if (own && own != 8 * count_of_corners)
         ITN__DAMAGED(ply->text, "has not two texture coordinates per corner");
-    for (size_t i = 0; 2 * i < own && !ply->text->result; i++) {
-        memcpy(corners[i].uv, b->texcoords.bytes + before + 8 * i, 8);
-        corners[i].textured = 1;
-    }
-    b->texcoords.size = before;
+    for (size_t i = 0; own && i < count_of_corners; i++) corners[i].texture = before / 8 + i;
     itn__add_polygon(b, ply->text);
+    b->texcoords.size = before;
 }
 
 static void itn__ply_decode(itn__text *text, itn__builder *builder) {
     static const char *const kinds[] = {"entry", "vertex", "face"};
     itn__ply ply = ITN_ZERO;
-    const itn__ply_line *element = ply.lines, *p;
     ply.text = text, ply.builder = builder;
     itn__ply_header(&ply);
-    for (const itn__ply_line *end = ply.lines + ply.count; element < end && !text->result;
-         element = p) {
-        for (p = element + 1; p < end && p->type >= 0;) p++;
+    for (int i = 0, next; i < ply.count && !text->result; i = next) {
+        const itn__ply_line *element = &ply.lines[i];
+        for (next = i + 1; next < ply.count && ply.lines[next].type >= 0;) next++;
         text->part = kinds[element->role];
-        text->number = p > element + 1 ? 0 : element->count; /* nothing of nothing */
+        text->number = next > i + 1 ? 0 : element->count; /* nothing of nothing */
         for (; text->number < element->count && !text->result; text->number++)
-            itn__ply_entry(&ply, element->role, element + 1, (int)(p - element) - 1);
+            itn__ply_entry(&ply, element->role, element + 1, next - i - 1);
     }
 }
 
@@ -11041,9 +11015,8 @@ ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn
     }
     if (!wrong) return itn__write_file(path, &buffer, error);
     itn__buffer_free(&buffer);
-    return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                     "saving a mesh: %.0f coordinates, uvs or indices are not finite or name no "
-                     "vertex", (double)wrong);
+    return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving a mesh: %.0f coordinates, uvs or "
+                     "indices are not finite or name no vertex", (double)wrong);
 }
 #endif /* ITN_NO_STDIO */
 

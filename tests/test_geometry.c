@@ -147,7 +147,10 @@ static itn_bvh *hierarchy(const itn_mesh *mesh, const int *objects) {
     itn_error error = ITN_ZERO;
     itn_bvh *bvh = itn__bvh_new(&context, mesh->triangle_count);
     int i;
-    if (!bvh || itn__bvh_load(bvh, mesh, &error)) exit(1);
+    if (!bvh) exit(1);
+    for (i = 0; i < 3 * mesh->triangle_count; i++)
+        memcpy(bvh->triangles[i / 3].corner[i % 3], mesh->positions + 3 * mesh->triangles[i],
+               3 * sizeof(float));
     for (i = 0; objects && i < mesh->triangle_count; i++) bvh->triangles[i].object = objects[i];
     if (itn__bvh_build(bvh, &error)) exit(1);
     return bvh;

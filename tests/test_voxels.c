@@ -147,7 +147,9 @@ static world world_make(int shape, int turned, float scale, float distance) {
     w.closed = shape == SOUP ? 0 : shape == TWINS ? 3 : 1;
     w.objects = (int *)calloc((size_t)w.mesh.triangle_count, sizeof(int));
     w.bvh = itn__bvh_new(&w.mesh.context, w.mesh.triangle_count);
-    solids_need(itn__bvh_load(w.bvh, &w.mesh, &error), &error);
+    for (i = 0; i < 3 * w.mesh.triangle_count; i++)
+        memcpy(w.bvh->triangles[i / 3].corner[i % 3], w.mesh.positions + 3 * w.mesh.triangles[i],
+               3 * sizeof(float));
     for (i = first; first && i < w.mesh.triangle_count; i++)
         w.objects[i] = w.bvh->triangles[i].object = 1;
     solids_need(itn__bvh_build(w.bvh, &error), &error);
