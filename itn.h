@@ -1290,8 +1290,8 @@ ITN__INLINE itn__ints itn__floor_ints(itn__floats v) {
 /* base[index] lane by lane, where the mask is true; elsewhere nothing is read and `other` stays. */
 ITN__INLINE itn__ints itn__gather_ints(const void *base, itn__ints index, itn__ints mask,
                                        itn__ints other) {
-#if defined(ITN__X86) && ITN__LANES == 16
-    return (itn__ints)_mm512_mask_i32gather_epi32(
+#if defined(ITN__X86) && ITN__LANES == 16 && (defined(__OPTIMIZE__) || defined(__clang__))
+    return (itn__ints)_mm512_mask_i32gather_epi32( /* a macro that warns, by GCC at -O0 */
         (__m512i)other, (__mmask16)itn__mask_bits(mask), (__m512i)index, base, 4);
 #elif defined(ITN__X86) && ITN__LANES == 8
     return (itn__ints)_mm256_mask_i32gather_epi32((__m256i)other, (const int *)base,
