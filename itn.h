@@ -4718,16 +4718,21 @@ ITN__INLINE double itn__strength(double radiance, itn_vec3 d) {
     return radiance * (.5 + fabs((double)d.y));
 }
 
-/* Fills the density of a light's grid with its luminance at the nodes times sine; power, strength
-   and breadth are sums over them. Returns the mean, or infinity if a radiance is too large (that of
-   a sky with odd coefficients is). */
-static double itn__fill_grid(itn__light *light) {
+/* Makes the grid of a map or sky: its density is the luminance at the nodes times sine; power,
+   strength and breadth are sums over them. Nodes are drawn by tables, in which the first and the
+   last row have half a tent. A thousandth of the mean at least keeps every part of a sky, clamped
+   or not, within reach; a black map is never sampled. */
+static itn_result itn__make_grid(itn__maker *maker, itn__light *light, float bottom) {
     itn__grid *grid = &light->grid;
-    size_t width = (size_t)grid->width, nodes = width * (size_t)grid->height;
-    double size = 2 * (double)(ITN__PI * ITN__PI) * grid->bottom / ((double)nodes - (double)width);
-    double sum = 0, square = 0, area = 0;
-    float step = grid->bottom / (float)(grid->height - 1), rgb[3];
+    size_t width = (size_t)light->width, height = (size_t)light->height, nodes = width * height;
+    double size = 2 * (double)(ITN__PI * ITN__PI) * bottom / ((double)nodes - (double)width);
+    double sum = 0, square = 0, area = 0, total = 0, row = 0;
+    float step = bottom / (float)(light->height - 1), rgb[3];
     float cap = sinf(ITN__PI * step / 3); /* a pole's node stands for the cap around it */
+    grid->width = light->width, grid->height = light->height, grid->bottom = bottom;
+    grid->density = ITN__KEEP(float, 2 * nodes + height);
+    if (!grid->density) return maker->result;
+    grid->nodes = grid->density + nodes, grid->rows = grid->nodes + nodes;
     for (size_t i = 0; i < nodes; i++) {
         float phi = 2 * ITN__PI * ((float)(i % width) + .5f) / (float)width;
         float theta = ITN__PI * step * (float)(i / width), sine = itn__max(sinf(theta), cap);
@@ -4735,30 +4740,15 @@ static double itn__fill_grid(itn__light *light) {
         if (light->map) memcpy(rgb, light->map + 3 * i, sizeof rgb);
         else d.y = itn__max(d.y, 0), itn__light_radiance(light, 3, d, rgb);
         double luminance = itn__luminance(rgb);
-        if (!(luminance <= ITN__MAX_RADIANCE)) return INFINITY;
+        if (!(luminance <= ITN__MAX_RADIANCE)) /* as of a sky with odd coefficients */
+            return ITN__REFUSE("radiance beyond %g", (double)ITN__MAX_RADIANCE);
         grid->density[i] = (float)(luminance * sine);
         light->strength += itn__strength(luminance * sine * size, d);
         sum += luminance * sine, square += luminance * luminance * sine, area += sine;
     }
-    light->breadth = sum > 0 ? sum * sum / (square * area) * grid->bottom : 0;
+    light->breadth = sum > 0 ? sum * sum / (square * area) * bottom : 0;
     light->power = (float)(sum * size);
-    return sum / (double)nodes;
-}
-
-/* Makes the density of a map or sky, and the tables by which nodes are drawn: the first and the
-   last row have half a tent. A thousandth of the mean at least keeps every part of a sky, clamped
-   or not, within reach. A black map is never sampled. */
-static itn_result itn__make_grid(itn__maker *maker, itn__light *light, float bottom) {
-    itn__grid *grid = &light->grid;
-    size_t width = (size_t)light->width, height = (size_t)light->height, nodes = width * height;
-    grid->width = light->width, grid->height = light->height, grid->bottom = bottom;
-    grid->density = ITN__KEEP(float, 2 * nodes + height);
-    if (!grid->density) return maker->result;
-    grid->nodes = grid->density + nodes, grid->rows = grid->nodes + nodes;
-    double mean = itn__fill_grid(light), total = 0, row = 0;
-    float least = light->kind == ITN__LIGHT_SKY ? (float)(1e-3 * mean) : 0;
-    if (mean == (double)INFINITY)
-        return ITN__REFUSE("radiance beyond %g", (double)ITN__MAX_RADIANCE);
+    float least = light->kind == ITN__LIGHT_SKY ? (float)(1e-3 * sum / (double)nodes) : 0;
     for (size_t i = 0; i < nodes; i++) {
         grid->density[i] = itn__max(grid->density[i], least);
         row = (i % width ? row : 0) + grid->density[i], grid->nodes[i] = (float)row;
