@@ -2902,22 +2902,29 @@ typedef struct itn__object {
     double lower[3], upper[3]; /* bounds in scene coordinates */
 } itn__object;
 
-/* What a scene computes on demand and keeps begins with how it is freed. */
-typedef struct itn__kept {
-    void (*release)(const itn_context *context, void *kept);
-} itn__kept;
-
-/* A chain of blocks of memory, each behind its header. */
+/* A chain of blocks of memory, each behind its header, which are freed together. */
 typedef struct itn__block {
-    itn__kept kept;
-    size_t size; /* bytes behind the header */
     struct itn__block *next;
+    size_t size; /* bytes behind the header, where somebody wants to know */
 } itn__block;
 enum { ITN__HEADER = 64 };
 
 static void itn__free_blocks(const itn_context *context, void *block) {
     for (void *next = block; (block = next) != NULL; itn__free(context, block))
         next = ((itn__block *)block)->next;
+}
+
+/* Adds a block of count * size zeroed bytes to a chain; NULL if memory is out. */
+#define ITN__ADD(type, context, chain, count)                                                      \
+    ((type *)itn__add_block(context, chain, (size_t)(count), sizeof(type)))
+static void *itn__add_block(const itn_context *context, itn__block **chain, size_t count,
+                            size_t size) {
+    itn__block *block = NULL;
+    if (count <= SIZE_MAX / 4 / size)
+        block = (itn__block *)itn__allocate(context, 1, ITN__HEADER + count * size);
+    if (!block) return NULL;
+    block->next = *chain, *chain = block;
+    return (char *)block + ITN__HEADER;
 }
 
 enum { ITN__TABLE_LEVELS = 3, ITN__SCRATCH = ITN__TABLE_LEVELS, ITN__KEPT };
@@ -2949,7 +2956,7 @@ struct itn_scene {
     int spectral;     /* some medium has a sigma_t or g for each channel */
     int last_sampled; /* of lights that are sampled; -1: none is */
     int leaky;        /* some solid is open or tangled, taken by force */
-    void **kept;      /* [ITN__KEPT] each NULL or kept: tables ([voxels]), and ITN__SCRATCH */
+    void **kept;      /* [ITN__KEPT] chains, made on demand: tables ([voxels]), and ITN__SCRATCH */
 };
 
 /* Whether a parameter is what a letter of [fields] says. */
@@ -2961,7 +2968,7 @@ ITN_API void itn_scene_free(itn_scene *scene) {
     if (!scene) return;
     itn_context context = scene->context;
     for (int i = 0; scene->kept && i < ITN__KEPT; i++)
-        if (scene->kept[i]) ((itn__kept *)scene->kept[i])->release(&context, scene->kept[i]);
+        itn__free_blocks(&context, scene->kept[i]);
     itn_bvh_free(scene->bvh);
     itn__free_blocks(&context, scene->blocks);
     itn__free(&context, scene);
@@ -4532,13 +4539,10 @@ static itn_result itn__refuse(itn__maker *maker, itn_result code, const char *fo
 /* Memory, zeroed, that the scene keeps to its end; NULL if there is none. */
 #define ITN__KEEP(type, count) ((type *)itn__keep(maker, (size_t)(count), sizeof(type)))
 static void *itn__keep(itn__maker *maker, size_t count, size_t size) {
-    itn__block *block = NULL;
-    if (count <= SIZE_MAX / 4 / size)
-        block = (itn__block *)itn__allocate(&maker->scene->context, 1, ITN__HEADER + count * size);
+    itn_scene *scene = maker->scene;
+    void *block = itn__add_block(&scene->context, &scene->blocks, count, size);
     if (!block) itn__refuse(maker, ITN_ERROR_MEMORY, "out of memory");
-    if (!block) return NULL;
-    block->next = maker->scene->blocks, maker->scene->blocks = block;
-    return (char *)block + ITN__HEADER;
+    return block;
 }
 
 /* Adds parameter title.field (or title.field_r for channel 0 of 3...); returns its index. In names
@@ -5309,7 +5313,7 @@ static void *itn__take(itn__render *render, size_t count, size_t size) {
         block = (itn__block *)itn__allocate_raw(context, ITN__HEADER + count * size);
         *render->block = block ? block : next;
         if (!block) return NULL;
-        block->kept.release = itn__free_blocks, block->size = count * size, block->next = next;
+        block->size = count * size, block->next = next;
     }
     render->block = &block->next;
     return memset((char *)block + ITN__HEADER, 0, count * size);
@@ -5432,7 +5436,7 @@ enum { ITN__REACH = 120 }; /* largest distance */
 #define ITN__PLANE_STEP (1 / 32.f) /* of bounds, in cells */
 
 typedef struct itn__voxels {
-    itn__kept kept;
+    itn__block block; /* and behind it those of the arrays */
     itn_vec3 lower;
     float cell, inverse_cell; /* p is in cell floor((p - lower) inverse_cell), axis by axis */
     int size[3];
@@ -5713,26 +5717,20 @@ static int itn__voxel_grid(itn__voxel_build *build, itn_vec3 lower, itn_vec3 upp
            v->cell >= FLT_MIN && v->inverse_cell >= FLT_MIN && v->inverse_cell <= FLT_MAX;
 }
 
-static void itn__voxels_free(const itn_context *context, void *made) {
-    itn__voxels *voxels = (itn__voxels *)made;
-    if (!voxels) return;
-    itn__free(context, voxels->cells), itn__free(context, voxels->planes);
-    itn__free(context, voxels->first), itn__free(context, voxels->leaves);
-    itn__free(context, voxels);
-}
-
 /* Makes what the grid holds. Returns 0 if memory is out. */
 static int itn__voxels_fill(const itn_context *context, itn__voxel_build *build) {
     itn__voxels *v = build->voxels;
     size_t cells = itn__cell_count(v);
-    v->cells = ITN__NEW(int32_t, context, cells), v->planes = ITN__NEW(int32_t, context, cells);
-    v->first = ITN__NEW(int32_t, context, cells + 2);
+    itn__block **chain = &v->block.next;
+    v->cells = ITN__ADD(int32_t, context, chain, cells);
+    v->planes = ITN__ADD(int32_t, context, chain, cells);
+    v->first = ITN__ADD(int32_t, context, chain, cells + 2);
     build->touched = ITN__NEW(int32_t, context, cells);
     build->patches = ITN__NEW(itn__patch, context, cells);
     if (!v->cells || !v->planes || !v->first || !build->touched || !build->patches) return 0;
     itn__enter_triangles(build, 0);
     int leaves = itn__prefix_sum(v->first, cells);
-    v->leaves = leaves < 0 ? NULL : ITN__NEW(int32_t, context, (size_t)leaves);
+    v->leaves = leaves < 0 ? NULL : ITN__ADD(int32_t, context, chain, leaves);
     if (!v->leaves) return 0;
     for (size_t i = 0; i < cells; i++) {
         itn__patch *patch = &build->patches[i];
@@ -5755,7 +5753,6 @@ static itn_result itn__voxels_make(const itn_context *context, const itn_bvh *bv
     build.bvh = bvh, build.closed = closed & (closed - 1) ? 0 : closed;
     build.voxels = ITN__NEW(itn__voxels, context, 1);
     if (!build.voxels) return itn__out_of_memory(error, "voxels");
-    build.voxels->kept.release = itn__voxels_free;
     if (!itn__voxel_grid(&build, lower, upper, resolution))
         result = itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
                            "voxels: a box of %g is too small or large for floats",
@@ -5764,7 +5761,7 @@ static itn_result itn__voxels_make(const itn_context *context, const itn_bvh *bv
         result = itn__out_of_memory(error, "voxels");
     itn__free(context, build.touched), itn__free(context, build.patches);
     if (!result) *voxels = build.voxels;
-    else itn__voxels_free(context, build.voxels);
+    else itn__free_blocks(context, build.voxels);
     return result;
 }
 
@@ -5807,7 +5804,7 @@ static itn_result itn__tables_get(itn__render *render, itn_error *error) {
     if (!itn__once_get(&scene->kept[level])) {
         result = itn__tables_make(scene, 16 << level, &made, error);
         if (!result && !itn__once_change(&scene->kept[level], NULL, made))
-            itn__voxels_free(&scene->context, made); /* another render was first */
+            itn__free_blocks(&scene->context, made); /* another render was first */
     }
     render->voxels = (itn__voxels *)itn__once_get(&scene->kept[level]);
     return result;

@@ -599,7 +599,7 @@ static void check_tables(int which, int planted) {
         in.render.voxels = voxels;
         radiance[k] = (float *)malloc(bytes);
         memcpy(radiance[k], run_unit(&in, &whole)->radiance, bytes);
-        itn__voxels_free(&scene->context, voxels);
+        itn__free_blocks(&scene->context, voxels);
         for (number = 0; number < paths; number++)
             for (c = 0; c < in.render.channels; c++) {
                 int at = number * in.render.planes + c;
@@ -839,7 +839,7 @@ static double check_flights(int which, int resolution, double flights, double mo
     check_report(f.wrong == 0, __FILE__, __LINE__,
                  "%s, %d cells: of %g flights taken for free %g are not", kind_names[which],
                  resolution, f.free, f.wrong);
-    itn__voxels_free(&scene->context, voxels);
+    itn__free_blocks(&scene->context, voxels);
     itn_scene_free(scene);
     return f.free;
 }

@@ -167,7 +167,7 @@ static void world_free(world *w) {
 }
 static void free_tables(itn__voxels *voxels) {
     itn_context context = ITN_ZERO;
-    itn__voxels_free(&context, voxels);
+    itn__free_blocks(&context, voxels);
 }
 static itn__voxels *tables(const world *w, int resolution) {
     itn_context context = ITN_ZERO;
@@ -564,7 +564,7 @@ static void memory_may_fail(void) {
         result = itn__voxels_make(&context, w.bvh, 1, w.lower, w.upper, 12, &v, &error);
         if (result == ITN_OK) {
             CHECK(a.calls < fail && v);
-            itn__voxels_free(&context, v);
+            itn__free_blocks(&context, v);
             CHECK(a.live == 0);
             break;
         }
