@@ -930,11 +930,9 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
 #define ITN__UNROLL
 #endif
 #if !defined(ITN_MALLOC) && !defined(ITN_FREE)
-#define ITN__MALLOC(bytes) malloc(bytes)
 #define ITN__MALLOC_ZEROED(bytes) calloc(1, bytes)
 #define ITN_FREE(block) free(block)
 #elif defined(ITN_MALLOC) && defined(ITN_FREE)
-#define ITN__MALLOC(bytes) ITN_MALLOC(bytes)
 #define ITN__MALLOC_ZEROED(bytes) itn__zero(ITN_MALLOC(bytes), bytes)
 #else
 #error "define both ITN_MALLOC and ITN_FREE, or neither"
@@ -987,11 +985,6 @@ ITN__NOINLINE void *itn__allocate(const itn_context *context, size_t count, size
     if (count * size == 0) count = size = 1;
     if (!context->allocate) return ITN__MALLOC_ZEROED(count * size);
     return itn__zero(context->allocate(count * size, context->memory_user), count * size);
-}
-
-/* The same for what is large and written before it is read: not zeroed. */
-ITN__UNUSED static void *itn__allocate_raw(const itn_context *context, size_t size) {
-    return context->allocate ? context->allocate(size, context->memory_user) : ITN__MALLOC(size);
 }
 
 ITN__NOINLINE void itn__free(const itn_context *context, void *block) {
@@ -5310,7 +5303,7 @@ static void *itn__take(itn__render *render, size_t count, size_t size) {
     if (!block || block->size < count * size) {
         itn__block *next = block ? block->next : NULL;
         itn__free(context, block);
-        block = (itn__block *)itn__allocate_raw(context, ITN__HEADER + count * size);
+        block = (itn__block *)itn__allocate(context, 1, ITN__HEADER + count * size);
         *render->block = block ? block : next;
         if (!block) return NULL;
         block->size = count * size, block->next = next;
@@ -5423,11 +5416,7 @@ ITN__INLINE itn__floats itn__sobol(itn__words index, int dimension, itn__words s
 
    A triangle belongs to all cells that it comes within ITN__CELL_MARGIN cells of, by the separating
    axis theorem: a triangle and a box are disjoint if and only if their projections are on one of 13
-   axes, those of the box, the normal of the triangle, and the 9 cross products of their edges.
-
-   Cells of about a mean free path prove the most flights free, but a short render is over before
-   fine ones have paid for themselves. A scene keeps the tables of each level it was asked for; the
-   first render that needs one makes it, and if two make the same one, the first is kept. */
+   axes, those of the box, the normal of the triangle, and the 9 cross products of their edges. */
 
 enum { ITN__REACH = 120 }; /* largest distance */
 #define ITN__MOST_CELLS 16777216.
@@ -5609,15 +5598,6 @@ static void itn__enter_triangles(const itn__voxel_build *build, int second) {
     }
 }
 
-/* Turns counts at first[2 + i] into first indices at first[1 + i], which writing moves on. Returns
-   their sum, -1 if that is more than an int32_t can say. */
-static int itn__prefix_sum(int32_t *first, size_t count) {
-    int64_t sum = 0;
-    for (size_t i = 0; i < count && sum <= INT32_MAX; i++)
-        sum += first[2 + i], first[2 + i] = (int32_t)sum;
-    return sum <= INT32_MAX ? (int)sum : -1;
-}
-
 /* The distance of each cell to the nearest that holds triangles or is beyond the border, where some
    may lie. Two sweeps, each against half of the 26 neighbours, are exact for the chessboard
    distance (Borgefors 1986). */
@@ -5729,13 +5709,14 @@ static int itn__voxels_fill(const itn_context *context, itn__voxel_build *build)
     build->patches = ITN__NEW(itn__patch, context, cells);
     if (!v->cells || !v->planes || !v->first || !build->touched || !build->patches) return 0;
     itn__enter_triangles(build, 0);
-    int leaves = itn__prefix_sum(v->first, cells);
-    v->leaves = leaves < 0 ? NULL : ITN__ADD(int32_t, context, chain, leaves);
-    if (!v->leaves) return 0;
-    for (size_t i = 0; i < cells; i++) {
+    int64_t leaves = 0;
+    for (size_t i = 0; i < cells; i++) { /* lengths become first indices, which writing moves on */
         itn__patch *patch = &build->patches[i];
         patch->n = itn__direction(patch->n), patch->least = INFINITY, patch->most = -INFINITY;
+        leaves += v->first[2 + i], v->first[2 + i] = (int32_t)leaves;
     }
+    v->leaves = leaves <= INT32_MAX ? ITN__ADD(int32_t, context, chain, leaves) : NULL;
+    if (!v->leaves) return 0;
     itn__enter_triangles(build, 1);
     itn__voxel_distances(v);
     int blocks = ((int)cells + ITN__BLOCK - 1) / ITN__BLOCK;
@@ -5765,30 +5746,19 @@ static itn_result itn__voxels_make(const itn_context *context, const itn_bvh *bv
     return result;
 }
 
-/* Makes the tables of a scene with so many voxels along the longest side of the solids with media;
-   without media there is a grid anywhere, which nobody asks. */
+/* Makes the tables of a scene, with so many cells along the longest side of its solids. */
 static itn_result itn__tables_make(const itn_scene *scene, int resolution, itn__voxels **made,
                                    itn_error *error) {
-    float lower[3] = {INFINITY, INFINITY, INFINITY}, upper[3] = {-INFINITY, -INFINITY, -INFINITY};
-    itn_vec3 a = itn__vec3(0, 0, 0), b = itn__vec3(1, 1, 1);
     uint64_t closed = 0;
-    for (int i = 0; i < scene->object_count; i++) {
-        const itn__object *object = &scene->objects[i];
-        if (object->closed) closed |= itn__object_bit(i);
-        for (int k = 0; k < 3 && object->medium >= 0; k++) {
-            lower[k] = itn__min(lower[k], (float)(object->lower[k] - scene->origin[k]));
-            upper[k] = itn__max(upper[k], (float)(object->upper[k] - scene->origin[k]));
-        }
-    }
-    if (lower[0] <= upper[0])
-        a = itn__vec3(lower[0], lower[1], lower[2]), b = itn__vec3(upper[0], upper[1], upper[2]);
-    return itn__voxels_make(&scene->context, scene->bvh, closed, a, b, resolution, made, error);
+    for (int i = 0; i < scene->object_count; i++)
+        if (scene->objects[i].closed) closed |= itn__object_bit(i);
+    return itn__voxels_make(&scene->context, scene->bvh, closed, scene->lower, scene->upper,
+                            resolution, made, error);
 }
 
-/* Gets a render its tables, which the scene keeps, of the level for its number of paths: resolution
-   16 << level. Cells are about as large as a mean free path, and not so large that they hold many
-   triangles; a small job has coarse ones, and the more so the more lanes share what exact flights
-   cost. */
+/* Gets a render with media its tables, which the scene keeps: resolution 16 << level. Cells are
+   about as large as a mean free path, and not so large that they hold many triangles; a small job
+   has coarse ones, and the more so the more lanes share what exact flights cost. */
 static itn_result itn__tables_get(itn__render *render, itn_error *error) {
     const itn_scene *scene = render->scene;
     double cells = .14 * sqrt((double)scene->bvh->triangle_count);
@@ -5801,7 +5771,7 @@ static itn_result itn__tables_get(itn__render *render, itn_error *error) {
     while (level < finest && cells > 12 << level) level++;
     itn_result result = ITN_OK;
     itn__voxels *made = NULL;
-    if (!itn__once_get(&scene->kept[level])) {
+    if (scene->medium_count && !itn__once_get(&scene->kept[level])) {
         result = itn__tables_make(scene, 16 << level, &made, error);
         if (!result && !itn__once_change(&scene->kept[level], NULL, made))
             itn__free_blocks(&scene->context, made); /* another render was first */
@@ -6417,11 +6387,10 @@ ITN__INLINE itn__ints itn__free_flight(const itn__free_space *space, itn__vector
 }
 
 #define ITN__STEP .002f /* beyond a cell's border, in cells; less than ITN__CELL_MARGIN */
-#define ITN__QUARTER ((ITN__LANES + 3) / 4)
 
 /* Flights on their way through the voxels. */
 typedef struct itn__march {
-    itn__vectors p, d, inverse;
+    itn__vectors p, d;
     itn__floats t, end;
     itn__ints slot; /* of the path */
     unsigned busy; /* lanes with a flight */
@@ -6430,9 +6399,9 @@ typedef struct itn__march {
 /* Distance at which a ray leaves the cube of half size `half` around `centre`. */
 ITN__INLINE itn__floats itn__leave_cube(const itn__march *m, itn__vectors centre,
                                         itn__floats half) {
-    itn__floats x = (itn__with_sign(half, m->d.x) + centre.x - m->p.x) * m->inverse.x;
-    itn__floats y = (itn__with_sign(half, m->d.y) + centre.y - m->p.y) * m->inverse.y;
-    itn__floats z = (itn__with_sign(half, m->d.z) + centre.z - m->p.z) * m->inverse.z;
+    itn__floats x = (itn__with_sign(half, m->d.x) + centre.x - m->p.x) / m->d.x;
+    itn__floats y = (itn__with_sign(half, m->d.y) + centre.y - m->p.y) / m->d.y;
+    itn__floats z = (itn__with_sign(half, m->d.z) + centre.z - m->p.z) / m->d.z;
     return itn__least(x, itn__least(y, z));
 }
 
@@ -6496,34 +6465,26 @@ static void itn__settle_hit(const itn_scene *scene, itn__path *path) {
     }
 }
 
-/* Gives free lanes the next flights of the queue. Returns the flight after them. */
-static int itn__march_refill(itn__crowd *crowd, itn__march *m, int next) {
-    unsigned fill = ITN__ALL_LANES & ~m->busy;
-    itn__floats one = itn__splat(1);
-    for (; fill && next < crowd->exact.count; fill &= fill - 1, next++) {
-        int k = itn__lowest_bit(fill);
-        itn__path *path = &crowd->paths[crowd->exact.slots[next]];
-        path->hit.t = path->distance, path->hit.triangle = -1;
-        path->shear.kz = -1; /* not made yet */
-        ITN__LANE(m->p.x, k) = path->p.x, ITN__LANE(m->d.x, k) = path->d.x;
-        ITN__LANE(m->p.y, k) = path->p.y, ITN__LANE(m->d.y, k) = path->d.y;
-        ITN__LANE(m->p.z, k) = path->p.z, ITN__LANE(m->d.z, k) = path->d.z;
-        ITN__LANE(m->end, k) = path->distance, ITN__LANE(m->t, k) = 0;
-        ITN__LANE(m->slot, k) = crowd->exact.slots[next], m->busy |= 1u << k;
-    }
-    m->inverse = itn__vectors_of(one / m->d.x, one / m->d.y, one / m->d.z);
-    return next;
-}
-
 /* The next surface of each flight in the queue `exact`, in media, up to its distance: its hit has t
    as far as the flight goes and triangle -1 where there is none. */
 static void itn__find_hits(itn__crowd *crowd) {
+    const itn__queue *queue = &crowd->exact;
     itn__march m;
     int next = 0;
     memset(&m, 0, sizeof m);
-    while (m.busy || next < crowd->exact.count) {
-        if (itn__count_bits(m.busy) <= ITN__LANES - ITN__QUARTER)
-            next = itn__march_refill(crowd, &m, next);
+    while (m.busy || next < queue->count) {
+        unsigned fill = ITN__ALL_LANES & ~m.busy;
+        for (; fill && next < queue->count; fill &= fill - 1, next++) {
+            int k = itn__lowest_bit(fill);
+            itn__path *path = &crowd->paths[queue->slots[next]];
+            path->hit.t = path->distance, path->hit.triangle = -1;
+            path->shear.kz = -1; /* not made yet */
+            ITN__LANE(m.p.x, k) = path->p.x, ITN__LANE(m.d.x, k) = path->d.x;
+            ITN__LANE(m.p.y, k) = path->p.y, ITN__LANE(m.d.y, k) = path->d.y;
+            ITN__LANE(m.p.z, k) = path->p.z, ITN__LANE(m.d.z, k) = path->d.z;
+            ITN__LANE(m.end, k) = path->distance, ITN__LANE(m.t, k) = 0;
+            ITN__LANE(m.slot, k) = queue->slots[next], m.busy |= 1u << k;
+        }
         m.busy = itn__mask_bits(itn__march_step(crowd, &m, itn__bits_mask(m.busy)));
     }
     for (int i = 0; i < crowd->exact.count; i++)
@@ -6792,20 +6753,6 @@ typedef struct itn__lanes {
     unsigned moved; /* have collided since they came, and so left behind where they were */
 } itn__lanes;
 
-/* Fills empty lanes from the queue. */
-static void itn__fill(itn__crowd *crowd, itn__queue *queue, itn__lanes *walk) {
-    unsigned fill = ITN__ALL_LANES & ~walk->busy;
-    while (itn__count_bits(fill) > queue->count) fill &= fill - 1;
-    if (!fill) return;
-    queue->count -= itn__count_bits(fill);
-    const int32_t *slots = queue->slots + queue->count;
-    for (unsigned bits = fill; bits; bits &= bits - 1)
-        ITN__LANE(walk->s.slot, itn__lowest_bit(bits)) = *slots++;
-    itn__copy_rows(crowd, &walk->s, fill, 0);
-    walk->moved &= ~fill, walk->busy |= fill;
-    walk->space.half = itn__select(itn__bits_mask(fill), itn__splat(-1), walk->space.half);
-}
-
 /* Lanes leave the walk for a queue. */
 static void itn__leave(itn__crowd *crowd, itn__queue *queue, itn__lanes *walk, unsigned bits) {
     itn__copy_rows(crowd, &walk->s, bits, 1);
@@ -6840,7 +6787,14 @@ ITN__NOINLINE void itn__run_walk(itn__crowd *crowd, int substance) {
     itn__lanes walk;
     memset(&walk, 0, sizeof walk);
     for (;;) {
-        itn__fill(crowd, queue, &walk);
+        unsigned fill = ITN__ALL_LANES & ~walk.busy;
+        while (itn__count_bits(fill) > queue->count) fill &= fill - 1;
+        const int32_t *slots = queue->slots + (queue->count -= itn__count_bits(fill));
+        for (unsigned bits = fill; bits; bits &= bits - 1)
+            ITN__LANE(walk.s.slot, itn__lowest_bit(bits)) = *slots++;
+        itn__copy_rows(crowd, &walk.s, fill, 0);
+        walk.moved &= ~fill, walk.busy |= fill;
+        walk.space.half = itn__select(itn__bits_mask(fill), itn__splat(-1), walk.space.half);
         if (itn__count_bits(walk.busy) < ITN__LANES / 2 &&
             (crowd->exact.count || itn__unit_paths_left(crowd)))
             itn__leave(crowd, queue, &walk, walk.busy);
