@@ -907,8 +907,6 @@ ITN_API itn_result itn_image_save_png(const itn_image *image, int first_plane, i
 
 /* ---- [base] compiler; errors, memory; scalars, vectors, random numbers ---------------------- */
 
-/* What depends on the compiler alone is settled here, so that all that follows reads the same
-   everywhere. */
 #if defined(__GNUC__)
 #define ITN__INLINE static inline __attribute__((always_inline, unused))
 #define ITN__NOINLINE static __attribute__((noinline, unused))
@@ -1120,10 +1118,8 @@ ITN__INLINE float itn__uniform(itn__rng *rng) { return itn__unit_float(itn__rng_
      itn__floats  float lanes
      itn__ints    int32_t lanes; also masks, with -1 for true and 0 for false
      itn__words   uint32_t lanes, for bits and random numbers
-   Lanes are kept in registers: every function that takes or returns them is always inlined, so no
-   vector crosses a call; simple words are macros, since each call of an inline function costs the
-   compiler time. Memory holds plain arrays, loaded and stored at any alignment. Intrinsics stand
-   only where the extensions have no word for an operation, beside the portable form. */
+   Simple words are macros, since each call of an inline function costs the compiler time. Memory
+   holds plain arrays, loaded and stored at any alignment. */
 #if !defined(ITN_NO_SIMD) && (defined(__clang__) || (defined(__GNUC__) && __GNUC__ >= 9))
 #if defined(__AVX512F__) && defined(__AVX512DQ__)
 #define ITN__LANES 16
@@ -5697,53 +5693,47 @@ static int itn__voxel_grid(itn__voxel_build *build, itn_vec3 lower, itn_vec3 upp
            v->cell >= FLT_MIN && v->inverse_cell >= FLT_MIN && v->inverse_cell <= FLT_MAX;
 }
 
-/* Makes what the grid holds. Returns 0 if memory is out. */
-static int itn__voxels_fill(const itn_context *context, itn__voxel_build *build) {
-    itn__voxels *v = build->voxels;
-    size_t cells = itn__cell_count(v);
-    itn__block **chain = &v->block.next;
-    v->cells = ITN__ADD(int32_t, context, chain, cells);
-    v->planes = ITN__ADD(int32_t, context, chain, cells);
-    v->first = ITN__ADD(int32_t, context, chain, cells + 2);
-    build->touched = ITN__NEW(int32_t, context, cells);
-    build->patches = ITN__NEW(itn__patch, context, cells);
-    if (!v->cells || !v->planes || !v->first || !build->touched || !build->patches) return 0;
-    itn__enter_triangles(build, 0);
-    int64_t leaves = 0;
-    for (size_t i = 0; i < cells; i++) { /* lengths become first indices, which writing moves on */
-        itn__patch *patch = &build->patches[i];
-        patch->n = itn__direction(patch->n), patch->least = INFINITY, patch->most = -INFINITY;
-        leaves += v->first[2 + i], v->first[2 + i] = (int32_t)leaves;
-    }
-    v->leaves = leaves <= INT32_MAX ? ITN__ADD(int32_t, context, chain, leaves) : NULL;
-    if (!v->leaves) return 0;
-    itn__enter_triangles(build, 1);
-    itn__voxel_distances(v);
-    int blocks = ((int)cells + ITN__BLOCK - 1) / ITN__BLOCK;
-    itn__parallel_for(context, blocks, itn__make_regions, build);
-    return 1;
-}
-
 /* Makes the grid for the box from lower to upper and one cell around it, with `resolution` cells
    along its longest axis. closed: bits of the closed objects. */
 static itn_result itn__voxels_make(const itn_context *context, const itn_bvh *bvh, uint64_t closed,
                                    itn_vec3 lower, itn_vec3 upper, int resolution,
                                    itn__voxels **voxels, itn_error *error) {
     itn__voxel_build build = ITN_ZERO;
-    itn_result result = ITN_OK;
+    itn__voxels *v = build.voxels = ITN__NEW(itn__voxels, context, 1);
+    itn__block *own = NULL;
+    int64_t leaves = 0;
+    if (!v) return itn__out_of_memory(error, "voxels");
+    if (!itn__voxel_grid(&build, lower, upper, resolution)) {
+        itn__free_blocks(context, v);
+        return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
+                         "voxels: a box of %g is too small or large for floats",
+                         (double)itn__max_abs(itn__sub(upper, lower)));
+    }
+    size_t cells = itn__cell_count(v);
+    itn__block **chain = &v->block.next;
+    v->cells = ITN__ADD(int32_t, context, chain, cells);
+    v->planes = ITN__ADD(int32_t, context, chain, cells);
+    v->first = ITN__ADD(int32_t, context, chain, cells + 2);
     build.bvh = bvh, build.closed = closed & (closed - 1) ? 0 : closed;
-    build.voxels = ITN__NEW(itn__voxels, context, 1);
-    if (!build.voxels) return itn__out_of_memory(error, "voxels");
-    if (!itn__voxel_grid(&build, lower, upper, resolution))
-        result = itn__fail(error, ITN_ERROR_UNSUPPORTED, 0,
-                           "voxels: a box of %g is too small or large for floats",
-                           (double)itn__max_abs(itn__sub(upper, lower)));
-    else if (!itn__voxels_fill(context, &build))
-        result = itn__out_of_memory(error, "voxels");
-    itn__free(context, build.touched), itn__free(context, build.patches);
-    if (!result) *voxels = build.voxels;
-    else itn__free_blocks(context, build.voxels);
-    return result;
+    build.touched = ITN__ADD(int32_t, context, &own, cells);
+    build.patches = ITN__ADD(itn__patch, context, &own, cells);
+    int good = v->cells && v->planes && v->first && build.touched && build.patches;
+    if (good) itn__enter_triangles(&build, 0);
+    for (size_t i = 0; i < cells && good; i++) { /* lengths of lists become their beginnings, */
+        itn__patch *patch = &build.patches[i];   /* which writing moves on */
+        patch->n = itn__direction(patch->n), patch->least = INFINITY, patch->most = -INFINITY;
+        leaves += v->first[2 + i], v->first[2 + i] = (int32_t)leaves;
+    }
+    good &= leaves <= INT32_MAX && (v->leaves = ITN__ADD(int32_t, context, chain, leaves)) != NULL;
+    if (good) {
+        itn__enter_triangles(&build, 1);
+        itn__voxel_distances(v);
+        itn__parallel_for(context, (int)(cells / ITN__BLOCK) + 1, itn__make_regions, &build);
+        *voxels = v;
+    }
+    itn__free_blocks(context, own);
+    if (!good) itn__free_blocks(context, v);
+    return good ? ITN_OK : itn__out_of_memory(error, "voxels");
 }
 
 /* Makes the tables of a scene, with so many cells along the longest side of its solids. */
@@ -6031,9 +6021,9 @@ static void itn__find_hit(const itn_scene *scene, itn__path *path) {
    into beta V after its outcome. Their difference, Delta = beta V - E, has mean 0 whatever V is. So
    the sum of all these differences is a control variate (a martingale, as in Henderson and Glynn
    2002): taken off, it leaves of a path's noise only what V did not know. That pays with one medium
-   in light that is everywhere the same. Of a derivative Delta takes off its product with the scores
-   that the path had before, which has mean 0, too, and with the score s of the choice itself
-   s beta V less the mean of that, which is the slope of E by the parameter while V stays as it is.
+   in light that is everywhere the same. Of a derivative its product with the scores before is taken
+   off, which has mean 0, too, and, with the score s of the choice itself, s beta V less its mean:
+   the slope of E by the parameter while V stays as it is.
 
    The means must be known exactly. Over flights and new directions they are, for V of the form that
    diffusion has near a plane: at depth z (in mean free paths) below the surface nearby and with
@@ -6041,9 +6031,8 @@ static void itn__find_hit(const itn_scene *scene, itn__path *path) {
        V = sum over i of e^(-k_i z) v_i(mu),   k_i = i k,   polynomials v_i.
    A new direction of the phase function turns the Legendre polynomial P_l(mu) into g^l P_l(mu) in
    the mean. A flight is taken to end where it comes to the plane of the face, tau_0 mean free paths
-   on, with V at z = 0, or at a collision before; on its way z changes in proportion to its length,
-   so that the mean of V over lengths is an integral of exponentials. A plane is chosen before each
-   flight; any would do.
+   on, with V at z = 0, or at a collision before: the mean of V over lengths is an integral of
+   exponentials. A plane is chosen before each flight; any would do.
 
    V is learnt from a few paths traced before the picture (itn__learn_values). They are marked
    somewhere on their way; what one brings home after its mark, per weight, is a lesson. V is a
@@ -6396,15 +6385,6 @@ typedef struct itn__march {
     unsigned busy; /* lanes with a flight */
 } itn__march;
 
-/* Distance at which a ray leaves the cube of half size `half` around `centre`. */
-ITN__INLINE itn__floats itn__leave_cube(const itn__march *m, itn__vectors centre,
-                                        itn__floats half) {
-    itn__floats x = (itn__with_sign(half, m->d.x) + centre.x - m->p.x) / m->d.x;
-    itn__floats y = (itn__with_sign(half, m->d.y) + centre.y - m->p.y) / m->d.y;
-    itn__floats z = (itn__with_sign(half, m->d.z) + centre.z - m->p.z) / m->d.z;
-    return itn__least(x, itn__least(y, z));
-}
-
 /* Tests the triangles of a cell against a flight. Returns its end, the hit if there is one. */
 static float itn__test_cell(const itn__render *render, itn__path *path, int cell) {
     const itn__voxels *voxels = render->voxels;
@@ -6430,7 +6410,10 @@ ITN__INLINE itn__ints itn__march_step(itn__crowd *crowd, itn__march *m, itn__int
     itn__ints word = itn__gather_ints(voxels->cells, at, inside, itn__splat_int(1 << 24));
     itn__ints surface = inside & itn__int_equal(word >> 24, itn__splat_int(0));
     itn__floats half = itn__absolute(itn__to_floats(word >> 24) - .5f) * voxels->cell;
-    itn__floats leave = itn__most(itn__leave_cube(m, centre, half), m->t);
+    itn__floats x = (itn__with_sign(half, m->d.x) + centre.x - m->p.x) / m->d.x;
+    itn__floats y = (itn__with_sign(half, m->d.y) + centre.y - m->p.y) / m->d.y;
+    itn__floats z = (itn__with_sign(half, m->d.z) + centre.z - m->p.z) / m->d.z;
+    itn__floats leave = itn__most(itn__least(x, itn__least(y, z)), m->t);
     if (itn__mask_bits(surface)) {
         itn__read_planes(voxels, word, at, surface, &n, &below, &middle, &against);
         itn__floats from = itn__vdot(n, itn__valong(p, itn__splat(-1), centre)),
