@@ -7042,10 +7042,9 @@ static void itn__see_through(itn__crowd *crowd, itn__path *path) {
     int background = render->scene->camera.background;
     path->copies = render->walks;
     for (int c = 0; c < render->channels && background >= 0; c++) {
-        float copies = (float)path->copies;
-        itn__bring_scored(crowd, path, c, copies * render->theta[background + c]);
-        if (render->count && render->slots[background + c] >= 0)
-            itn__bring(crowd, path, render->slots[background + c], c, copies);
+        int slot = render->count ? render->slots[background + c] : -1;
+        itn__bring_scored(crowd, path, c, (float)path->copies * render->theta[background + c]);
+        if (slot >= 0) itn__bring(crowd, path, slot, c, (float)path->copies);
     }
     if (background >= 0) itn__end(crowd, path, 0);
     else if (render->only_constant) itn__escape_path(crowd, path, 0, render->constant);
@@ -7378,24 +7377,6 @@ static int itn__walk_make(itn__walk *walk, itn__render *render, itn__texels *tex
     return walk->weight.score && walk->connection.score && walk->derivative;
 }
 
-#ifndef ITN_NO_FAST
-/* Makes a crowd that leaves what its units bring in `radiance`; NULL if there is no memory. */
-static itn__crowd *itn__crowd_make(itn__render *render, float *radiance) {
-    int substances = 1 + render->scene->medium_count;
-    itn__crowd *crowd = ITN__TAKE(itn__crowd, render, 1);
-    itn__queue *queues = ITN__TAKE(itn__queue, render, substances + render->scene->surface_count);
-    float *scores = ITN__TAKE(float, render, 2 * ITN__CROWD * render->count);
-    double *lessons = ITN__TAKE(double, render, substances * ITN__LESSON_SUMS);
-    if (!crowd || !queues || !scores || !lessons) return NULL;
-    crowd->render = render, crowd->radiance = radiance;
-    crowd->walk = queues, crowd->surface = queues + substances;
-    crowd->scores = scores, crowd->lessons = lessons;
-    for (int i = 0; i < ITN__CROWD; i++) crowd->unused[i] = ITN__CROWD - 1 - i;
-    crowd->unused_count = ITN__CROWD;
-    return crowd;
-}
-#endif
-
 /* Of texels each worker has sums of its own, up to so many workers and values of all; which one a
    pixel belongs to depends on its tile alone, and so do the bits of the result. */
 enum { ITN__TEXEL_COPIES = 16, ITN__TEXEL_VALUES = 4 << 20 };
@@ -7407,8 +7388,19 @@ static int itn__worker_make(itn__render *render, itn__worker *worker, int rays) 
     worker->set = ITN__TAKE(double, render, render->sums);
     if (!worker->values || !worker->set) return 0;
 #ifndef ITN_NO_FAST
-    if (render->fast)
-        return (worker->crowd = itn__crowd_make(render, worker->values)) != NULL;
+    if (render->fast) {
+        int media = 1 + render->scene->medium_count, queues = media + render->scene->surface_count;
+        itn__crowd *crowd = worker->crowd = ITN__TAKE(itn__crowd, render, 1);
+        if (!crowd) return 0;
+        crowd->render = render, crowd->radiance = worker->values;
+        crowd->walk = ITN__TAKE(itn__queue, render, queues);
+        crowd->scores = ITN__TAKE(float, render, 2 * ITN__CROWD * render->count);
+        crowd->lessons = ITN__TAKE(double, render, media * ITN__LESSON_SUMS);
+        if (!crowd->walk || !crowd->scores || !crowd->lessons) return 0;
+        crowd->surface = crowd->walk + media, crowd->unused_count = ITN__CROWD;
+        for (int i = 0; i < ITN__CROWD; i++) crowd->unused[i] = ITN__CROWD - 1 - i;
+        return 1;
+    }
 #endif
     if (texels) {
         size_t values = (size_t)render->channels * (size_t)render->texels->count;
@@ -7656,8 +7648,7 @@ ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
 /* Where the weighted sum of the derivative images is wanted rather than the images, as for a loss,
    each sample is folded with the weights of its pixel at once ([render]). The gradient of a squared
    error takes two renders of different seeds, one for the residual and one for the derivative: in
-   one render both would have their noise in common, and the product a bias. Of derivatives by
-   texels ([throughput]) there are as many sums as values. */
+   one render both would have their noise in common, and the product a bias. */
 
 /* Runs a render that folds derivatives, and adds them up over all pixels. variance may be NULL. */
 static itn_result itn__fold(itn__render *render, double *gradient, double *variance,
