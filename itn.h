@@ -1574,8 +1574,7 @@ static int itn__shear_make(const itn_ray *ray, itn__shear *shear) {
    Open sheets have no inside; they are met at t > 0. None is met in the plane where a ray was
    thrown back, by the sheet or by a surface on it. At a boundary that it has gone through, or that
    has thrown it back towards a sheet which had thrown it there, a sheet in that plane is met at
-   once, at t = 0, as the ground under an object that stands on it, until the ray meets a face that
-   lies in another plane.
+   once, at t = 0, as the ground under an object, until the ray meets a face in another plane.
    A point o is |F| / |n|_1 away from a triangle's plane, measured along the axes. A ray's origin on
    a face is a rounded point of it: twice as far as from that face's own plane, and 16 u |o|
    (u = 2^-24) for planes that agree but for rounding, counts as in the plane. The t of sheets is
@@ -2045,9 +2044,6 @@ static void itn__slabs_make(itn__slabs *s, const itn_bvh *bvh, const itn_ray *ra
     s->end = itn__widen(ray->tmax);
 }
 
-/* A child that the ray enters, still to be visited. */
-typedef struct itn__visit { float enter; int32_t child; } itn__visit;
-
 /* The children of a node that the ray enters, as bits; enter receives at which distance. */
 ITN__INLINE unsigned itn__slabs_enter(const itn__slabs *s, const itn__node *node,
                                       float enter[ITN__WIDE]) {
@@ -2070,10 +2066,11 @@ ITN__INLINE unsigned itn__slabs_enter(const itn__slabs *s, const itn__node *node
 
 /* The nearest hit, or (any) whether there is one; then hit may be NULL and is left alone. sides:
    NULL takes every face; otherwise the faces it names, an object with both being an open sheet.
-   tmin may be negative. Of hits at equal t the one of the smaller index is nearest. */
+   tmin may be negative. Of hits at equal t the one of the smaller index is nearest. Of the children
+   of a node the nearest is next, the others go on the stack, in no order, since there are few. */
 ITN__NOINLINE int itn__bvh_trace(const itn_bvh *bvh, const itn_ray *ray, const itn__sides *sides,
                                  int any, itn_hit *hit) {
-    itn__visit stack[ITN__DEPTH * ITN__WIDE];
+    struct { float enter; int32_t child; } stack[ITN__DEPTH * ITN__WIDE];
     itn__shear shear;
     itn__slabs slabs;
     itn_hit best;
@@ -2083,21 +2080,21 @@ ITN__NOINLINE int itn__bvh_trace(const itn_bvh *bvh, const itn_ray *ray, const i
     itn__slabs_make(&slabs, bvh, ray);
     best.t = ray->tmax, best.triangle = -1;
     for (;;) {
-        if (child >= 0) {
-            float enter[ITN__WIDE];
+        float enter[ITN__WIDE];
+        unsigned entered = child < 0 ? 0 : itn__slabs_enter(&slabs, &bvh->nodes[child], enter);
+        if (entered) {
             const int32_t *children = bvh->nodes[child].child;
-            unsigned entered = itn__slabs_enter(&slabs, &bvh->nodes[child], enter);
-            int nearest = entered ? itn__lowest_bit(entered) : -1;
-            for (unsigned others = entered & (entered - 1); others; others &= others - 1) {
-                int k = itn__lowest_bit(others), further = enter[k] < enter[nearest] ? nearest : k;
-                nearest += k - further; /* the others go on the stack, in no order */
+            int nearest = itn__lowest_bit(entered);
+            while (entered &= entered - 1) {
+                int k = itn__lowest_bit(entered), further = enter[k] < enter[nearest] ? nearest : k;
+                nearest += k - further;
                 stack[top].enter = enter[further], stack[top++].child = children[further];
             }
-            if (entered) {
-                child = children[nearest];
-                continue;
-            }
-        } else if (itn__pack_hit(&bvh->packs[~child], &shear, ray->tmin, sides, &best)) {
+            child = children[nearest];
+            continue;
+        }
+        if (child < 0 &&
+            itn__pack_hit(&bvh->packs[~child], &shear, ray->tmin, sides, &best)) {
             if (any) return 1;
             slabs.end = itn__widen(best.t);
         }
@@ -4312,19 +4309,18 @@ static void itn__weigh_triangles(itn__welding *w) {
         const int *corner = mesh->triangles + 3 * (size_t)i;
         itn__part *part = &w->parts[i];
         itn__triangle triangle;
-        int k, at[3];
-        part->other = -1;
+        int k, at[3] = {0, 0, 0}; /* welded */
         for (k = 0; k < 3 && corner[k] >= 0 && corner[k] < mesh->vertex_count; k++) {
             memcpy(triangle.corner[k], mesh->positions + 3 * (size_t)corner[k],
                    sizeof triangle.corner[k]);
             at[k] = w->weld[corner[k]];
         }
+        int proper = at[0] != at[1] && at[1] != at[2] && at[2] != at[0] && k == 3;
+        part->other = proper ? i : -1;
         if (k < 3 && !report->bad_indices++) report->first_bad_triangle = i;
         if (k < 3) continue;
         if (!weighed) memcpy(&centre, triangle.corner[0], sizeof centre);
         weighed |= itn__finite3(centre);
-        int proper = at[0] != at[1] && at[1] != at[2] && at[2] != at[0];
-        if (proper) part->other = i;
         for (k = 0; k < 3 && proper; k++) {
             int from = at[k], to = at[(k + 1) % 3], number = 3 * i + k + 1, along = from < to;
             itn__use use = {along ? to : from, i, along, w->last[along ? from : to]};
@@ -10532,14 +10528,12 @@ ITN_API ITN__COLD itn_result itn_image_save_png(const itn_image *image, int firs
 /* ---- [meshes] OBJ and PLY files -------------------------------------------------------------- */
 
 /* Both formats hold polygons, which are cut into triangles as they come. They are seen along the
-   axis in which their area, the sum of (p_i - p_0) x (p_i+1 - p_0) over the corners (Newell), is
-   largest, from the side on which they are counter-clockwise. If all triangles of the fan around
-   the first corner are, too, these fill the polygon. Else ears are cut off: triangles of three
-   consecutive corners that turn left and hold no other corner (Meisters 1975: every simple polygon
-   has two). */
+   axis, from the side, on which their area is largest: the sum of (p_i - p_0) x (p_i+1 - p_0) over
+   the corners (Newell). If all triangles of the fan around the first corner are counter-clockwise,
+   too, these fill the polygon. Else ears are cut off: triangles of three consecutive corners that
+   turn left and hold no other corner (Meisters 1975: every simple polygon has two). */
 
 enum { ITN__EAR_CORNERS = 4096 }; /* most corners of a polygon that is cut by ears */
-
 /* Numbers of a vertex and of texture coordinates from the lists, no such: none; the position. */
 typedef struct itn__corner {
     size_t vertex, texture;
@@ -10585,10 +10579,9 @@ static int itn__is_ear(const itn__corner *c, int count, const itn__corner *h, co
 }
 
 /* Turns the corners at hand into triangles. Corners that are where the next one is hide how the
-   polygon turns there, and are let go while three stay. Triangles are cut off from the last corner
-   on, then from the one before the last cut, which makes the fan. Where there is no ear (the
-   polygon crosses itself), any corner does; after two such cuts no more is looked for, so that the
-   work stays in bounds. */
+   polygon turns there, and are let go while three stay. Triangles are cut off backwards from the
+   last corner, which makes the fan. Where there is no ear (the polygon crosses itself), any corner
+   does; after two such cuts no more is looked for, so that the work stays in bounds. */
 static void itn__add_polygon(itn__builder *b, itn__text *text) {
     itn__corner *c = (itn__corner *)(void *)b->corners.bytes;
     size_t given = b->corners.size / sizeof *c;
@@ -10726,9 +10719,7 @@ typedef struct itn__ply {
     itn__ply_line lines[544];
 } itn__ply;
 
-static const unsigned char itn__ply_sizes[] = {1, 1, 2, 2, 4, 4, 4, 8};
-
-/* Steps over the name of a type; returns its place in itn__ply_sizes, or -1. */
+/* Steps over the name of a type; returns its number, or -1. */
 static int itn__ply_type(itn__text *text) {
     int i = itn__accept(text, "char uchar short ushort int uint float double "
                               "int8 uint8 int16 uint16 int32 uint32 float32 float64");
@@ -10798,7 +10789,7 @@ static void itn__ply_header(itn__ply *ply) {
 
 /* Reads a number of any type; NaN if the text is none. */
 static double itn__ply_value(itn__ply *ply, int type) {
-    size_t size = itn__ply_sizes[type];
+    const size_t size = (size_t)("11224448"[type] - '0');
     if (ply->format == ITN__PLY_ASCII) {
         itn__skip_space(ply->text);
         if (ply->text->at == ply->text->end) itn__take_bytes(ply->text, 1); /* fails */
@@ -10870,13 +10861,12 @@ ITN_API ITN__COLD itn_result itn_mesh_from_memory(const void *bytes, size_t size
                                                   const itn_context *context, itn_mesh *mesh,
                                                   itn_error *error) {
     itn__builder b = ITN_ZERO;
-    itn_context checked;
     if (!bytes || !mesh)
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_mesh_from_memory: NULL argument");
-    itn_result result = itn__context_check(context, &checked, error);
+    itn_result result = itn__context_check(context, &b.uvs.context, error);
     if (result) return result;
-    b.positions.context = b.texcoords.context = b.corners.context = checked;
-    b.triangles.context = b.uvs.context = checked;
+    b.positions.context = b.texcoords.context = b.corners.context = b.uvs.context;
+    b.triangles.context = b.uvs.context;
     itn__text text = itn__text_make(bytes, size, name ? name : "mesh");
     text.error = error;
     if (itn__accept(&text, "ply") == 0 && text.at < text.end) itn__ply_decode(&text, &b);
