@@ -9692,7 +9692,7 @@ static itn_result itn__read_file(const char *path, size_t limit, const itn_conte
     memset(buffer, 0, sizeof *buffer);
     itn_result result = itn__context_check(context, &buffer->context, error);
     if (result) return result;
-    if (!path) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "path is NULL");
+    if (!path) return ITN__INVALID("path is NULL");
     FILE *file = fopen(path, "rb");
     while (file && got && buffer->size <= limit && !buffer->failed)
         itn__put(buffer, part, got = fread(part, 1, sizeof part, file));
@@ -9715,7 +9715,7 @@ static itn_result itn__write_file(const char *path, itn__buffer *buffer, itn_err
     FILE *file = NULL;
     itn_result result = ITN_OK;
     if (!path || strlen(path) >= sizeof name - 8)
-        result = itn__fail(error, ITN_ERROR_ARGUMENT, 0, "path is NULL or longer than 4087 bytes");
+        result = ITN__INVALID("path is NULL or longer than 4087 bytes");
     else if (buffer->failed) result = itn__out_of_memory(error, path);
     for (int k = 0; !result && k < 10000 && !file && cause == EEXIST; k++) {
         itn__print(name, sizeof name, "%s.tmp%d", path, k);
@@ -10019,10 +10019,9 @@ static ITN__COLD void itn__exr_decode(itn__text *text, itn_image *image) {
     if ((double)exr.line * width * height > fmin(most, (double)(SIZE_MAX / 4)) ||
         across * down > 256 * width * height)
         ITN__DAMAGED(text, "EXR windows are larger than the data: cut off or damaged");
-    if (!text->result)
-        text->result = itn_image_create((int)across, (int)down, exr.channels, text->context, image,
-                                        text->error);
-    if (text->result) return;
+    if (text->result || (text->result = itn_image_create((int)across, (int)down, exr.channels,
+                                                         text->context, image, text->error)))
+        return;
     for (int i = 0; i < exr.channels; i++) itn__copy_name(image->names[i], exr.names[i]);
     exr.line *= (size_t)width, exr.lines = exr.compression == ITN__EXR_ZIP ? 16 : 1;
     size_t blocks = ((size_t)height - 1) / (size_t)exr.lines + 1;
@@ -10046,7 +10045,7 @@ static void itn__pfm_decode(itn__text *text, int channels, itn_image *image) {
     for (int k = 0; k < 3; k++) {
         itn__skip_space(text); /* line ends count as blanks */
         double x = header[k] = itn__take_decimal(text, what[k]);
-        if (k < 2 ? !(x >= 1 && x < 1e9 && x == floor(x)) : (float)x == 0)
+        if (k < 2 ? !(x >= 1 && x < 7e8 && x == floor(x)) : (float)x == 0)
             ITN__DAMAGED(text, "%s is %g", what[k], x);
     }
     double needed = header[0] * header[1] * channels * 4, scale = fabs(header[2]);
@@ -10054,10 +10053,9 @@ static void itn__pfm_decode(itn__text *text, int channels, itn_image *image) {
     /* the one white space character, or two, of a file that was written as text on Windows */
     if (left != 1 && !(left == 2 && itn__newline(text->at, text->end) == 2))
         ITN__DAMAGED(text, "PFM has %.0f bytes of pixels, needs %.0f", needed + left - 1, needed);
-    if (!text->result)
-        text->result = itn_image_create((int)header[0], (int)header[1], channels, text->context,
-                                        image, text->error);
-    if (text->result) return;
+    if (text->result || (text->result = itn_image_create((int)header[0], (int)header[1], channels,
+                                                         text->context, image, text->error)))
+        return;
     const unsigned char *bytes = (const unsigned char *)text->at + (int)left;
     for (int k = 0; k < channels; k++) image->names[k][0] = "YRGB"[k + channels / 3];
     for (int row = image->height - 1; row >= 0; row--)
@@ -10228,7 +10226,7 @@ ITN_API itn_result itn_image_from_memory(const void *bytes, size_t size, const c
                                          itn_error *error) {
     itn_image made = ITN_ZERO;
     if (!bytes || !image)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_image_from_memory: NULL argument");
+        return ITN__INVALID("itn_image_from_memory: NULL argument");
     itn__text text = itn__text_make(bytes, size, name ? name : "image");
     text.error = error, text.context = context;
     int kind = itn__accept(&text, "Pf PF");
@@ -10293,8 +10291,8 @@ static itn_result itn__photo_film(itn__photo *photo, int x, int y, itn_image *ma
                 light[0] = itn__luminance(light), noise[0] = itn__luminance(noise);
             for (int k = 0; k < channels && counts; k++) {
                 if (!(fabsf(light[k]) <= 1e18f && noise[k] <= 1e18f))
-                    return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "the photo's pixel %d, %d has "
-                                     "no valid value, or no valid variance", column, row);
+                    return ITN__INVALID("the photo's pixel %d, %d has no valid value, or no valid "
+                                        "variance", column, row);
                 means[k] += across / w * (down / h) * (double)light[k];
                 means[3 + k] += across / w * (down / h) * (double)noise[k] * (double)noise[k];
             }
@@ -10325,8 +10323,7 @@ ITN_API ITN__COLD itn_result itn_photo_make(const itn_image *image, const itn_ph
     const char *fault = NULL;
     if (!image || !image->pixels || !image->names || !photo || film.width < 1 || film.height < 1 ||
         (film.channels != 1 && film.channels != 3))
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "the photo is NULL, or the film is none of a scene");
+        return ITN__INVALID("the photo is NULL, or the film is none of a scene");
     p.image = image, p.film = film;
     if (desc) *d = *desc;
     if (d->crop_x >= 0 && !d->crop_width) d->crop_width = image->width - d->crop_x;
@@ -10347,9 +10344,8 @@ ITN_API ITN__COLD itn_result itn_photo_make(const itn_image *image, const itn_ph
                          !itn__image_colours(d->mask, p.mask)))
         fault = "has another size than its mask, or that has neither Y nor R, G and B";
     if (fault)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "the photo %s (%d x %d pixels of it, for a "
-                         "film of %d x %d)", fault, d->crop_width, d->crop_height, film.width,
-                         film.height);
+        return ITN__INVALID("the photo %s (%d x %d pixels of it, for a film of %d x %d)", fault,
+                            d->crop_width, d->crop_height, film.width, film.height);
     p.colours = p.planes[0] == p.planes[1] ? 1 : 3, p.alpha = itn_image_plane(image, "A");
     for (int k = 0; k < p.colours; k++)
         p.planes[3 + k] = itn_image_plane(image, names[p.colours / 3][p.colours + k]);
@@ -10382,11 +10378,11 @@ static itn_result itn__check_image(const itn_image *image, int first_plane, int 
                                    itn__buffer *buffer, itn_error *error) {
     memset(buffer, 0, sizeof *buffer);
     if (!image || !image->pixels || !image->names || image->width < 1 || image->height < 1)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving an image: it has no pixels");
+        return ITN__INVALID("saving an image: it has no pixels");
     if (first_plane < 0 || (plane_count != 1 && plane_count != 3) ||
         first_plane > image->plane_count - plane_count)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving an image: %d planes from plane %d "
-                         "on of an image of %d", plane_count, first_plane, image->plane_count);
+        return ITN__INVALID("saving an image: %d planes from plane %d on of an image of %d",
+                            plane_count, first_plane, image->plane_count);
     return itn__context_check(&image->context, &buffer->context, error);
 }
 
@@ -10413,7 +10409,7 @@ ITN_API ITN__COLD itn_result itn_image_save_exr(const itn_image *image, const ch
         }
         order[k] = i, list += fault ? 0 : strlen(name) + 17;
     }
-    if (fault) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving an image: %s", fault);
+    if (fault) return ITN__INVALID("saving an image: %s", fault);
     ITN__PUT_BYTES(&buffer, "\x76\x2f\x31\x01\2\4\0\0channels\0chlist\0"); /* 4: long names */
     itn__put_number(&buffer, list, 4, 0);
     for (int i = 0; i < image->plane_count; i++) { /* float, not subsampled */
@@ -10483,9 +10479,8 @@ ITN_API ITN__COLD itn_result itn_image_save_png(const itn_image *image, int firs
     uint64_t size = 6 + height * (1 + 3 * width + 5 * ((width + BLOCK - 1) / BLOCK));
     if (!(scale >= 0) || !itn__finite(scale) || (mode != ITN_PNG_TONE && mode != ITN_PNG_SIGNED) ||
         size > INT_MAX)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "saving a PNG: mode %d, scale %g or %d x %d pixels", (int)mode,
-                         (double)scale, image->width, image->height);
+        return ITN__INVALID("saving a PNG: mode %d, scale %g or %d x %d pixels", (int)mode,
+                            (double)scale, image->width, image->height);
     if (scale == 0)
         scale = itn__scale_of(itn__pixel(image, first_plane, 0, 0),
                               (size_t)plane_count * (size_t)width * (size_t)height,
@@ -10954,7 +10949,7 @@ ITN_API itn_result itn_net_from_memory(const void *data, size_t size, const char
     itn_net_desc desc = ITN_ZERO;
     int sizes[ITN__NET_SIZES] = {0, 0, 0, 0, 0, 0, 1}; /* any batch may have written it */
     if (!data || !net)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_from_memory: a pointer is NULL");
+        return ITN__INVALID("itn_net_from_memory: a pointer is NULL");
     itn__text text = itn__text_make(data, size, name ? name : "network");
     text.error = error, text.line = 0;
     if (size < 16 || itn__take_number(&text, 8, 1) != 0x49544e2d4e45540a)
@@ -10996,11 +10991,10 @@ ITN_API itn_result itn_net_save(const itn_net *net, const char *path, int weight
     itn__buffer buffer = ITN_ZERO;
     int sizes[ITN__NET_SIZES];
     if (!net || !path)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_save: a pointer is NULL");
+        return ITN__INVALID("itn_net_save: a pointer is NULL");
     size_t arrays = weights_only ? 1 : 3, values = arrays * net->count;
     if (itn__first_beyond(net->parameters, values, FLT_MAX) < values)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "%s: not written, because a weight or Adam moment is not finite", path);
+        return ITN__INVALID("%s: not written: a weight or Adam moment is not finite", path);
     buffer.context = net->context;
     itn__put(&buffer, "ITN-NET\n", 8);
     itn__put_number(&buffer, 1 | (uint64_t)arrays << 32, 8, 0);
