@@ -216,8 +216,7 @@ typedef struct itn_mesh_report {
     int flipped_edges;        /* other bad ones: their triangles disagree on which side is out */
     int first_bad_vertex, first_bad_triangle; /* -1: none */
     int open_edge[2], flipped_edge[2]; /* vertices of the first of each, if there are some */
-    int inverted_parts;       /* parts of negative volume, which are cavities or inside out; a part
-                                 is what edges of two triangles join */
+    int inverted_parts;       /* parts, joined by edges of two triangles, of negative volume */
     double volume;            /* signed: negative when the mesh is inside out */
     double area;
 } itn_mesh_report;
@@ -1558,12 +1557,9 @@ static int itn__shear_make(const itn_ray *ray, itn__shear *shear) {
     int kz = fabsf(d[0]) > fabsf(d[1]) ? 0 : 1;
     if (!(fabsf(d[kz]) > fabsf(d[2]))) kz = 2;
     int swap = d[kz] < 0; /* keeps the orientation of triangles */
-    shear->kz = kz;
-    shear->kx = (kz + 1 + swap) % 3;
-    shear->ky = (kz + 2 - swap) % 3;
+    shear->kx = (kz + 1 + swap) % 3, shear->ky = (kz + 2 - swap) % 3, shear->kz = kz;
     shear->sz = 1 / d[kz];
-    shear->sx = d[shear->kx] * shear->sz;
-    shear->sy = d[shear->ky] * shear->sz;
+    shear->sx = d[shear->kx] * shear->sz, shear->sy = d[shear->ky] * shear->sz;
     memcpy(shear->origin, &ray->origin, sizeof shear->origin);
     return itn__finite3(ray->origin) && itn__finite3(ray->direction) && itn__finite(shear->sz);
 }
@@ -1582,8 +1578,7 @@ static int itn__shear_make(const itn_ray *ray, itn__shear *shear) {
    counts for a little more, so that a boundary on a sheet is met before the sheet. */
 
 typedef struct itn__sides {
-    uint64_t front, back; /* objects, as bits, whose front faces and whose back faces a walk may
-                             meet; open sheets have both */
+    uint64_t front, back; /* objects, as bits, whose such faces a walk may meet; sheets: both */
     float flush; /* planes not further than this from the ray's origin go through it; 0: in space */
     int thrown;  /* it was thrown back there; else it has gone through */
 } itn__sides;
@@ -1634,7 +1629,6 @@ ITN__NOINLINE int itn__meets_sheet(const itn__triangle *triangle, const itn__she
     if (fmin(w[0] / det, fmin(w[1] / det, w[2] / det)) >= -FLT_EPSILON)
         *t = (float)fmin(most, fmax(least, exact));
     if (!(*t > 0)) return 0;
-    /* in lengths of the direction, as t is */
     *t += 2 * FLT_EPSILON * (*t + itn__max_abs(origin) * fabsf(s->sz));
     return 1;
 }
@@ -1680,8 +1674,7 @@ ITN__NOINLINE int itn__place_hit(const itn__pack *pack, int place, float seen[3]
                                  itn_hit *best) {
     double p[3][3], w[3], exact;
     int index = pack->index[place];
-    for (int j = 0; j < 3; j++)
-        for (int k = 0; k < 3; k++) p[j][k] = seen[j][k][place];
+    for (int k = 0; k < 9; k++) p[k / 3][k % 3] = seen[k / 3][k % 3][place];
     double det = itn__edge_functions(p, w, &exact);
     if (fmin(w[0], fmin(w[1], w[2])) < 0 && fmax(w[0], fmax(w[1], w[2])) > 0) return 0;
     if (!(fabs(det) > 0)) return 0;
@@ -1890,8 +1883,7 @@ static itn__child itn__make_child(const itn__build *build, int first, int count)
     return child;
 }
 
-/* Makes a node of the present level. Its children have no number yet, and say how many triangles
-   they have. */
+/* Makes a node of the present level. Its children's sizes stand where their numbers will. */
 static void itn__grow(void *task, int index) {
     itn__build *build = (itn__build *)task;
     int number = build->first + index, count = 1, next, i;
@@ -2040,8 +2032,7 @@ static void itn__slabs_make(itn__slabs *s, const itn_bvh *bvh, const itn_ray *ra
         s->first[k] = k + back, s->last[k] = k + 3 - back;
         s->origin_first[k] = origin[k] + margin, s->origin_last[k] = origin[k] - margin;
     }
-    s->start = -itn__widen(-ray->tmin);
-    s->end = itn__widen(ray->tmax);
+    s->start = -itn__widen(-ray->tmin), s->end = itn__widen(ray->tmax);
 }
 
 /* The children of a node that the ray enters, as bits; enter receives at which distance. */
@@ -2093,8 +2084,7 @@ ITN__NOINLINE int itn__bvh_trace(const itn_bvh *bvh, const itn_ray *ray, const i
             child = children[nearest];
             continue;
         }
-        if (child < 0 &&
-            itn__pack_hit(&bvh->packs[~child], &shear, ray->tmin, sides, &best)) {
+        if (child < 0 && itn__pack_hit(&bvh->packs[~child], &shear, ray->tmin, sides, &best)) {
             if (any) return 1;
             slabs.end = itn__widen(best.t);
         }
@@ -4130,9 +4120,8 @@ ITN_API itn_result itn_image_create(int width, int height, int plane_count,
     size_t pixels = (size_t)width * (size_t)height;
     itn_image made = ITN_ZERO;
     if (!image || width < 1 || height < 1 || plane_count < 1)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_image_create: image is NULL, or of %d x %d x %d planes one is not "
-                         "positive", width, height, plane_count);
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_image_create: image is NULL, or of %d "
+                         "x %d x %d planes one is not positive", width, height, plane_count);
     itn_result result = itn__context_check(context, &made.context, error);
     if (result) return result;
     made.width = width, made.height = height, made.plane_count = plane_count;
@@ -4181,9 +4170,8 @@ ITN_API itn_result itn_mesh_create(int vertex_count, int triangle_count, int wit
     itn_result result = itn__context_check(context, &made.context, error);
     if (result) return result;
     if (!mesh || vertex_count < 0 || triangle_count < 0)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_mesh_create: mesh is NULL, or %d vertices or %d triangles are "
-                         "negative", vertex_count, triangle_count);
+        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_mesh_create: mesh is NULL, or %d "
+                         "vertices or %d triangles are negative", vertex_count, triangle_count);
     made.vertex_count = vertex_count, made.triangle_count = triangle_count;
     made.positions = (float *)itn__allocate(&made.context, (size_t)vertex_count, 3 * sizeof(float));
     made.triangles = (int *)itn__allocate(&made.context, (size_t)triangle_count, 3 * sizeof(int));
@@ -4379,8 +4367,7 @@ ITN_API ITN__COLD itn_result itn_mesh_check(const itn_mesh *mesh, const itn_cont
     if (!report) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_mesh_check: report is NULL");
     if (mesh->triangle_count > INT_MAX / 9) return itn__out_of_memory(error, "a mesh check");
     size_t vertices = (size_t)mesh->vertex_count, triangles = (size_t)mesh->triangle_count;
-    w.report.first_bad_vertex = w.report.first_bad_triangle = -1;
-    w.mesh = mesh;
+    w.mesh = mesh, w.report.first_bad_vertex = w.report.first_bad_triangle = -1;
     for (w.mask = 3; w.mask / 2 < vertices;) w.mask = 2 * w.mask + 1;
     w.weld = ITN__NEW(int, &own, 2 * vertices + w.mask + 1);
     w.uses = ITN__NEW(itn__use, &own, 6 * triangles + 1);
@@ -10629,10 +10616,9 @@ static itn_result itn__builder_mesh(itn__builder *b, const char *name, itn_mesh 
         farthest = itn__max(farthest, itn__max(-lower, upper));
     }
     if (size > 0 && farthest * FLT_EPSILON > 1e-3f * size)
-        return itn__fail(error, ITN_ERROR_FORMAT, 0,
-                         "%s: coordinates near %g of a mesh that is %g large, of which floats keep "
-                         "too few digits: move it to the origin", name, (double)farthest,
-                         (double)size);
+        return itn__fail(error, ITN_ERROR_FORMAT, 0, "%s: coordinates near %g of a mesh that is %g "
+                         "large, of which floats keep too few digits: move it to the origin", name,
+                         (double)farthest, (double)size);
     mesh->vertex_count = (int)vertices, mesh->triangle_count = (int)triangles;
     mesh->positions = p, mesh->triangles = (int *)(void *)b->triangles.bytes;
     mesh->uvs = b->untextured ? NULL : (float *)(void *)b->uvs.bytes;
@@ -10772,11 +10758,10 @@ static void itn__ply_header(itn__ply *ply) {
         } else if (keyword <= 0 && !itn__newline(text->at, text->end))
             fault = keyword ? "header has an unknown keyword" : "header has no end";
     }
-    if (!fault)
-        fault = ply->format < 0                          ? "header has no format"
-                : (ply->has & 7) != 7                    ? "has no vertex with x, y, z"
-                : !(ply->has >> ITN__PLY_CORNERS & 1) ? "has no face with a list vertex_indices"
-                                                         : NULL;
+    if (!fault && ply->format < 0) fault = "header has no format";
+    if (!fault && (ply->has & 7) != 7) fault = "has no vertex with x, y, z";
+    if (!fault && !(ply->has >> ITN__PLY_CORNERS & 1))
+        fault = "has no face with a list vertex_indices";
     if (fault) ITN__DAMAGED(text, "PLY %s", fault);
     else text->at += lone_return ? 1 : itn__newline(text->at, text->end); /* binary from here on? */
     text->line = ply->format == ITN__PLY_ASCII ? text->line + 1 : 0;
