@@ -1039,6 +1039,24 @@ static void test_png_shapes(void) {
     }
 }
 
+/* Rows of more bytes than a stored block has come back; planted: another width. */
+static void check_png_wide(int planted) {
+    static const int widths[] = {20999, 21000, 21001, 45678};
+    int n, x, wrong;
+    for (n = 0; n < 4; n++) {
+        itn_image image = ITN_ZERO, back = ITN_ZERO;
+        CHECK(!itn_image_create(widths[n], 2, 1, NULL, &image, NULL));
+        for (x = 0; x < 2 * widths[n]; x++) image.pixels[x] = (float)(x % 251) / 255;
+        CHECK(!itn_image_save_png(&image, 0, 1, ITN_PNG_TONE, 1, in_directory("n.png"), NULL));
+        CHECK(!itn_image_load(in_directory("n.png"), NULL, &back, NULL));
+        CHECK(back.width == widths[n] + planted && back.height == 2 && back.plane_count == 3);
+        for (x = wrong = 0; back.pixels && x < 2 * widths[n]; x++)
+            wrong += byte_of(back.pixels[x]) != byte_of(image.pixels[x]);
+        CHECK(wrong == 0);
+        itn_image_free(&image), itn_image_free(&back);
+    }
+}
+
 /* ---- PNG files of the test's own making ---- */
 
 static void put_big(itn__buffer *b, uint32_t value) { itn__put_number(b, value, 4, 1); }
@@ -1467,6 +1485,7 @@ static void test_photo_refusals(void) {
         {3, 3, 3, {0, 0, 0, 0, 0, 0, 0, 0, NULL}, "R, G and B"},
         {3, 3, 1, {1, 0, 6, 6, 0, 0, 0, 0, NULL}, "crop"},
         {3, 3, 1, {-1, 0, 6, 6, 0, 0, 0, 0, NULL}, "crop"},
+        {3, 3, 1, {INT_MIN, INT_MIN, 0, 0, 0, 0, 0, 0, NULL}, "crop"},
         {3, 3, 1, {0, 0, 3, INT_MAX, 0, 0, 0, 0, NULL}, "crop"},
         {3, 3, 1, {6, 0, 0, 0, 0, 0, 0, 0, NULL}, "crop"},
         {3, 3, 1, {0, 0, 0, 0, NAN, 0, 0, 0, NULL}, "gamma"},
@@ -2164,6 +2183,8 @@ int main(void) {
     check_png(1);
     CHECK_CATCHES(check_png(1.02f));
     test_png_shapes();
+    check_png_wide(0);
+    CHECK_CATCHES(check_png_wide(1));
     check_png_types(0);
     CHECK_CATCHES(check_png_types(1));
     test_png_damage();
