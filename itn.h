@@ -2685,8 +2685,8 @@ static itn__corners itn__corners_at(itn__floats x, itn__floats y, int width, int
 /* Around directions: column c is at u = (c + .5)/width, row r at v = bottom r/(height - 1). */
 static itn__corners itn__grid_corners(int width, int height, float bottom,
                                       const itn__towards *to) {
-    return itn__corners_at(to->u * (float)width - .5f, to->v / bottom * (float)(height - 1), width,
-                           height, 0);
+    itn__floats x = to->u * (float)width - .5f, y = to->v / bottom * (float)(height - 1);
+    return itn__corners_at(x, y, width, height, 0);
 }
 
 /* The value there; `stride` numbers stand at a node. */
@@ -3194,8 +3194,9 @@ static int itn__same_plane(const itn_scene *scene, const itn__triangle *a, const
 
 /* Adds to an event what other dielectric solids have in the point of a hit. */
 static void itn__gather_faces(const itn_scene *scene, const itn__place *place, itn_ray ray,
-                              const itn_hit *hit, uint64_t others, itn__event *event) {
-    const itn__triangle *triangle = itn__face_triangle(scene, 2 * hit->triangle);
+                              const itn_hit *hit, itn__event *event) {
+    const itn__triangle *triangle = &scene->bvh->triangles[hit->triangle];
+    uint64_t others = scene->objects[triangle->object].dielectrics;
     itn_vec3 normal, point = itn__hit_point(scene->bvh, hit);
     itn__sides sides = place->sides;
     float margin = 2 * itn__slack(scene, point) + 4 * FLT_EPSILON * fabsf(hit->t);
@@ -3228,13 +3229,12 @@ static itn__event itn__meet_faces(const itn_scene *scene, const float *theta,
                                   const itn__place *place, const itn_ray *ray,
                                   const itn_hit *hit) {
     int object = scene->bvh->triangles[hit->triangle].object;
-    uint64_t others = scene->objects[object].dielectrics;
     float before_ior = itn__ior(scene, theta, place->refracting);
     itn__sides sides = place->sides;
     itn__event event;
     event.object = itn__is_opaque(scene, object) ? object : -1, event.after = place->refracting;
     event.faces[0] = 2 * hit->triangle + hit->front, event.count = scene->objects[object].refracts;
-    if (others) itn__gather_faces(scene, place, *ray, hit, others, &event);
+    if (scene->objects[object].dielectrics) itn__gather_faces(scene, place, *ray, hit, &event);
     if (!event.count) { /* opaque, or index-matched */
         event.count = 1;
         return event;
@@ -3366,8 +3366,7 @@ ITN__INLINE int itn__slot(const itn__walk *walk, int parameter) {
     return walk->count && parameter >= 0 ? walk->slots[parameter] : -1;
 }
 
-/* Multiplies a weight in channel c by f / pdf. A walk is alone in its lanes: what counts is the
-   first. */
+/* Multiplies a weight in channel c by f / pdf. What counts is the first lane. */
 static void itn__weigh(const itn__walk *walk, itn__weight *weight, const itn__factor *f, int c,
                        float pdf) {
     float *score = weight->score + c * walk->score_count, value = ITN__LANE(f->value[c], 0);
@@ -3442,11 +3441,11 @@ static itn__corners itn__site_texture(itn__site *site, itn__floats x, itn__float
     return corners;
 }
 
-static itn__touch itn__touch_of(const itn__corners *corners) {
+static itn__touch itn__touch_of(itn__corners corners) {
     itn__touch touch;
     for (int k = 0; k < 4; k++) {
-        touch.at[k] = ITN__LANE(corners->at[k], 0);
-        touch.share[k] = ITN__LANE(corners->share[k], 0);
+        touch.at[k] = ITN__LANE(corners.at[k], 0);
+        touch.share[k] = ITN__LANE(corners.share[k], 0);
     }
     return touch;
 }
@@ -3466,7 +3465,7 @@ static void itn__touch_texture(itn__walk *walk, const itn__surface *surface,
         for (int j = 0; j < k && forget; j++) score[j] = 2 * score[2 * j + odd];
         score[k] = 0;
     }
-    texels->place[k] = itn__touch_of(corners), texels->place_count = k + 1;
+    texels->place[k] = itn__touch_of(*corners), texels->place_count = k + 1;
     itn__add_seed(f, ITN__TEXEL, walk->count + k);
 }
 
@@ -3552,10 +3551,7 @@ static void itn__contribute(itn__walk *walk, const itn__weight *weight, const it
         itn__floats rgb[3];
         if (mis == 0) continue;
         itn__light_models[light->kind].radiance(light, itn__channels(walk), to, rgb);
-        if (of_map) {
-            itn__corners corners = itn__grid_corners(light->width, light->height, 1, to);
-            touch = itn__touch_of(&corners);
-        }
+        if (of_map) touch = itn__touch_of(itn__grid_corners(light->width, light->height, 1, to));
         for (int c = 0; c < itn__channels(walk); c++) {
             float carried = weight->beta[c] * mis * walk->theta[walk->scene->camera.exposure[c]];
             itn__add_light(walk, weight, c, carried * ITN__LANE(rgb[c], 0), light->parameter);
@@ -3638,17 +3634,13 @@ static void itn__escape(itn__walk *walk, itn_vec3 direction) {
     itn__towards to = itn__towards_of(walk->scene, &d);
     int background = walk->scene->camera.background;
     float mis = 1;
-    if (walk->steps == 1 && background >= 0) {
+    itn__floats pdf = itn__lights_density(walk->scene, &to);
+    if (itn__finite(walk->pdf)) mis = walk->pdf / (walk->pdf + ITN__LANE(pdf, 0));
+    if (walk->steps != 1 || background < 0) itn__contribute(walk, &walk->weight, &to, mis, 1);
+    else
         for (int c = 0; c < itn__channels(walk); c++)
             itn__add_light(walk, &walk->weight, c, walk->theta[walk->scene->camera.exposure[c]],
                            background + c);
-        return;
-    }
-    if (itn__finite(walk->pdf)) {
-        itn__floats pdf = itn__lights_density(walk->scene, &to);
-        mis = walk->pdf / (walk->pdf + ITN__LANE(pdf, 0));
-    }
-    itn__contribute(walk, &walk->weight, &to, mis, 1);
 }
 
 /* Rate at which each channel draws collisions: sigma_t itself; 0 outside of media and after the
