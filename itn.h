@@ -2881,7 +2881,7 @@ typedef struct itn__object {
 /* A chain of blocks of memory, each behind its header, which are freed together. */
 typedef struct itn__block {
     struct itn__block *next;
-    size_t size; /* bytes behind the header, where somebody wants to know */
+    size_t size; /* bytes behind the header */
 } itn__block;
 enum { ITN__HEADER = 64 };
 
@@ -2899,7 +2899,7 @@ static void *itn__add_block(const itn_context *context, itn__block **chain, size
     if (count <= SIZE_MAX / 4 / size)
         block = (itn__block *)itn__allocate(context, 1, ITN__HEADER + count * size);
     if (!block) return NULL;
-    block->next = *chain, *chain = block;
+    block->size = count * size, block->next = *chain, *chain = block;
     return (char *)block + ITN__HEADER;
 }
 
@@ -5270,16 +5270,13 @@ enum { ITN__KEPT_BYTES = 4 << 20 }; /* kept for each thread */
 static void *itn__take(itn__render *render, size_t count, size_t size) {
     const itn_context *context = &render->scene->context;
     itn__block *block = *render->block;
-    if (size && count > SIZE_MAX / 4 / size) return NULL;
-    if (!block || block->size < count * size) {
-        itn__block *next = block ? block->next : NULL;
+    int room = block && count <= block->size / size;
+    if (block && !room) {
+        *render->block = block->next;
         itn__free(context, block);
-        block = (itn__block *)itn__allocate(context, 1, ITN__HEADER + count * size);
-        *render->block = block ? block : next;
-        if (!block) return NULL;
-        block->size = count * size, block->next = next;
     }
-    render->block = &block->next;
+    if (!room && !itn__add_block(context, render->block, count, size)) return NULL;
+    block = *render->block, render->block = &block->next;
     return memset((char *)block + ITN__HEADER, 0, count * size);
 }
 
@@ -7484,8 +7481,8 @@ static itn_result itn__divide(itn__render *render, itn_error *error) {
             ITN__TEXEL_COPIES);
     if (render->worker_count > render->tiles) render->worker_count = render->tiles;
     render->workers = ITN__TAKE(itn__worker, render, render->worker_count);
-    render->totals = (double *)itn__take(render, render->pixels,
-                                         (size_t)render->sums * 2 * sizeof(double));
+    render->totals = (double *)itn__take(render, render->pixels, /* sums may be 0 */
+                                         (size_t)(2 * render->sums + 1) * sizeof(double));
     int good = render->workers && render->totals;
     for (int i = 0; i < render->worker_count && good; i++)
         good = itn__worker_make(render, &render->workers[i],
