@@ -5,6 +5,7 @@
 #endif
 #include "../itn.h"
 #include "check.h"
+#include "solids.h"
 #include "stage.h"
 
 enum { WIDTH = 24, HEIGHT = 15, PIXELS = WIDTH * HEIGHT, PARTS = 10 };
@@ -185,11 +186,55 @@ static void test_map(plant planted) {
     itn_image_free(&image);
 }
 
+/* The variance of a sample is the same in small jobs and large ones, of which the fast walk knows
+   the scene's surroundings in other detail: from differences of two renders, without the variances
+   that these tell. Pixels are drawn by plain random numbers. planted: a factor. */
+static void test_variance_of_jobs(double planted) {
+    enum { SIDE = 80, ALL = SIDE * SIDE, JOBS = 3 };
+    static const int spp[JOBS] = {8, 16, 48}; /* .2, .4 and 1.2 million paths */
+    static double found[JOBS], errors[JOBS];     /* once */
+    int job, i, half;
+    for (job = 0; job < JOBS && errors[JOBS - 1] == 0; job++) {
+        itn_mesh mesh = solids_sphere(1, 3);
+        itn_render_options options = ITN_ZERO;
+        itn_image images[2];
+        itn_scene *scene;
+        itn_error error;
+        stage s;
+        stage_begin(&s, SIDE, 4, 32);
+        stage_medium(&s, "m", 8, .9, .5);
+        stage_object(&s, &mesh, "m", NULL);
+        stage_constant(&s, NULL, 1);
+        scene = stage_make(&s);
+        options.spp = spp[job], options.mode = ITN_MODE_FAST;
+        options.sampler = ITN_SAMPLER_RANDOM;
+        for (half = 0; half < 2; half++) {
+            options.seed = (uint64_t)(2 * job + half);
+            stage_need(itn_render(scene, NULL, &options, NULL, 0, &images[half], &error), &error);
+        }
+        for (i = 0; i < ALL; i++) {
+            double apart = (double)images[0].pixels[i] - (double)images[1].pixels[i];
+            double variance = spp[job] * apart * apart / 2;
+            found[job] += variance / ALL, errors[job] += variance * variance / ALL;
+        }
+        errors[job] = sqrt((errors[job] - found[job] * found[job]) / ALL);
+        if (getenv("SHOW"))
+            printf("variance of a sample at %d: %.5f +- %.5f\n", spp[job], found[job], errors[job]);
+        itn_image_free(&images[0]), itn_image_free(&images[1]);
+        itn_scene_free(scene);
+        itn_mesh_free(&mesh);
+    }
+    for (job = 1; job < JOBS; job++)
+        CHECK_NEAR(found[job] * planted, found[0], 4 * hypot(errors[job], errors[0]));
+}
+
 int main(void) {
     int planted;
     test_texture(NONE);
     test_checker(NONE);
     test_map(NONE);
+    test_variance_of_jobs(1);
+    CHECK_CATCHES(test_variance_of_jobs(1.5));
     for (planted = MIRRORED; planted <= SHIFTED; planted++) {
         CHECK_CATCHES(test_texture((plant)planted));
     }

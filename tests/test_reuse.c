@@ -194,12 +194,66 @@ static void test_late_roulette(int draws) {
     itn_mesh_free(&mesh);
 }
 
+#ifndef ITN_NO_FAST
+/* Lossless and thick, in light 1: exactly 1 is what a pixel shows. The fast walk's paths here begin
+   as if they had drawn the many numbers from which on roulette ends them. The error is that of the paths' own variance. planted: of the right value. */
+static void test_late_furnace(double planted) {
+    enum { PATHS = 1000, ROUNDS = 4 };
+    itn_mesh mesh = solids_box(solids_vec3(-.5, -.5, -.5), solids_vec3(.5, .5, .5));
+    itn__render render;
+    itn_render_options options = ITN_ZERO;
+    itn_error error;
+    itn_scene *scene;
+    stage s;
+    double sum = 0, square = 0, n = PATHS * ROUNDS;
+    int round, k;
+    stage_begin(&s, 1, 4, .01);
+    stage_medium(&s, "m", 1e4, 1, .5);
+    stage_object(&s, &mesh, "m", NULL);
+    stage_constant(&s, NULL, 1);
+    scene = stage_make(&s);
+    options.spp = PATHS, options.walks = 1, options.mode = ITN_MODE_FAST;
+    options.estimator = ITN_ESTIMATOR_SCORE;
+    for (round = 0; round < ROUNDS; round++) {
+        itn__crowd *crowd;
+        options.seed = (uint64_t)round;
+        stage_need(itn__render_begin(&render, scene, NULL, &options, NULL, 0, NULL, &error),
+                   &error);
+        stage_need(itn__tables_get(&render, &error), &error);
+        CHECK(itn__fast_know(&render));
+        stage_need(itn__divide(&render, &error), &error);
+        crowd = render.workers[0].crowd;
+        memset(crowd->radiance, 0, PATHS * sizeof(float));
+        memset(&crowd->unit, 0, sizeof crowd->unit);
+        crowd->unit.side = 1, crowd->unit.count = PATHS;
+        for (k = 0; k < PATHS; k++) itn__start_ray(crowd);
+        CHECK(crowd->unused_count == ITN__CROWD - PATHS);
+        for (k = 0; k < ITN__CROWD; k++) crowd->paths[k].dimension = ITN__MANY_DRAWS;
+        itn__run_unit(crowd);
+        for (k = 0; k < PATHS; k++) {
+            double value = (double)crowd->radiance[k];
+            sum += value / n, square += value * value / n;
+        }
+        itn__render_end(&render, ITN_OK);
+    }
+    square = sqrt((square - sum * sum) / n);
+    if (getenv("SHOW")) printf("late furnace: %.5f +- %.5f\n", sum, square);
+    CHECK_MEAN(sum, square, 1 + planted, 4.5, .005);
+    itn_scene_free(scene);
+    itn_mesh_free(&mesh);
+}
+#endif
+
 int main(void) {
     test_reuse_turns(0);
     test_reuse_image(0);
     test_many_samples();
     test_late_roulette(4);
     CHECK_CATCHES(test_late_roulette(2));
+#ifndef ITN_NO_FAST
+    test_late_furnace(0);
+    CHECK_CATCHES(test_late_furnace(.03));
+#endif
     CHECK_CATCHES(test_reuse_turns(.002));
     CHECK_CATCHES(test_reuse_image(.02));
     return check_end("reuse");

@@ -118,6 +118,7 @@ static void test_very_thick(void) {
     itn_image image = ITN_ZERO;
     itn_error error;
     itn_scene *scene;
+    solids_mean mean;
     stage s;
     int i, way;
     stage_begin(&s, 16, 4, 40);
@@ -135,6 +136,8 @@ static void test_very_thick(void) {
             CHECK(image.pixels[i] >= 0 && isfinite(image.pixels[i]));
         }
         CHECK(off <= 4);
+        mean = solids_plane_mean(&image, "Y", "Variance.Y");
+        CHECK_NEAR(mean.value, 1, 4.5 * mean.error + 1e-6);
         itn_image_free(&image);
     }
     itn_scene_free(scene);
