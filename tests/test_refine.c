@@ -151,6 +151,38 @@ static void end_search(itn__refiner *refiner) {
     itn__free(context, refiner->views);
 }
 
+/* The largest numbers of samples that are taken can be rendered, too, and a search of them ends by
+   its time, not with a complaint of its last render. beyond: planted, more of them. */
+static void test_most_samples(int beyond) {
+    static const char *const albedo[] = {"m.albedo"};
+    static float target[PIXELS], variance[PIXELS];
+    itn_scene *scene = cloud(2, .8, .4);
+    itn_render_options wanted = ITN_ZERO;
+    itn_refine_options options = ITN_ZERO;
+    itn_refine_outcome outcome;
+    itn_estimate estimate;
+    itn_error error;
+    float theta[8];
+    int parameter, way;
+    for (way = 0; way < 2; way++) { /* of one search; what patience makes of the most at first */
+        wanted.spp = way ? ITN__PATIENCE * ITN__FINAL * ITN__MOST_SPP
+                     : beyond ? INT_MAX : ITN__MOST_FINAL;
+        CHECK(itn_scene_prepare(scene, NULL, &wanted, &error) == ITN_OK);
+    }
+    photograph(scene, 64, 3, target, variance);
+    find_parameters(scene, albedo, 1, &parameter);
+    itn_parameter_values(scene, theta);
+    options.spp = 8, options.final_spp = ITN__MOST_FINAL, options.seconds = .3;
+    options.target_variance = variance, options.outcome = &outcome;
+    stage_need(itn_refine(scene, theta, target, &parameter, 1, &options, &estimate, &error),
+               &error);
+    CHECK_NEAR(estimate.value, .8, 4.5 * estimate.standard_error);
+    if (getenv("SHOW"))
+        printf("most samples: %g +- %g, %g s\n", estimate.value, estimate.standard_error,
+               outcome.seconds);
+    itn_scene_free(scene);
+}
+
 /* A step past the bound of sigma_t ends on it, in similarity coordinates, too: a search that took
    itself for further would have to come back all the way. One within bounds keeps its bits.
    past: of ln sigma_t; expected: what stays of that. */
@@ -2225,6 +2257,10 @@ int main(void) {
     CHECK_CATCHES(test_elimination(1e-6));
 #endif
     test_transforms();
+    test_most_samples(0);
+#ifndef ITN_NO_FAST
+    CHECK_CATCHES(test_most_samples(1));
+#endif
     test_held(1, 0);
     test_held(-1, -1);
     test_similarity(0);
