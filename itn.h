@@ -6357,23 +6357,9 @@ typedef struct itn__march {
     unsigned busy; /* lanes with a flight */
 } itn__march;
 
-/* Tests the triangles of a cell against a flight. Returns its end, the hit if there is one. */
-static float itn__test_cell(const itn__render *render, itn__path *path, int cell) {
-    const itn__voxels *voxels = render->voxels;
-    float slack = itn__slack(render->scene, path->p);
-    if (path->shear.kz < 0) {
-        itn_ray ray;
-        ray.origin = path->p, ray.direction = path->d;
-        itn__shear_make(&ray, &path->shear);
-    }
-    for (int i = voxels->first[cell]; i < voxels->first[cell + 1]; i++)
-        itn__pack_hit(&render->scene->bvh->packs[voxels->leaves[i]], &path->shear, -slack,
-                      &path->place.sides, &path->hit);
-    return path->hit.t;
-}
-
-/* One step of each lane: past the empty cube around, or through one cell. Returns who is not yet
-   at the end; those that leave the table have the mark of the unknown, triangle -2. */
+/* One step of each lane: past the empty cube around, or through one cell, whose triangles are
+   tested. Returns who is not yet at the end; those that leave the table have the mark of the
+   unknown, triangle -2. */
 ITN__INLINE itn__ints itn__march_step(itn__crowd *crowd, itn__march *m, itn__ints mask) {
     const itn__voxels *voxels = crowd->render->voxels;
     itn__vectors p = itn__valong(m->p, m->t, m->d), centre, n;
@@ -6388,15 +6374,22 @@ ITN__INLINE itn__ints itn__march_step(itn__crowd *crowd, itn__march *m, itn__int
     itn__floats leave = itn__most(itn__least(x, itn__least(y, z)), m->t);
     if (itn__mask_bits(surface)) {
         itn__read_planes(voxels, word, at, surface, &n, &below, &middle, &against);
-        itn__floats from = itn__vdot(n, itn__valong(p, itn__splat(-1), centre)),
-                    slope = itn__vdot(n, m->d);
+        itn__floats from = itn__vdot(n, itn__valong(p, itn__splat(-1), centre));
+        itn__floats slope = itn__vdot(n, m->d);
         from += itn__most(slope, itn__splat(0)) * (itn__least(leave, m->end) - m->t);
         surface &= itn__less_equal(below, from) & itn__less_equal(-against, slope);
     }
     for (unsigned rest = itn__mask_bits(surface); rest; rest &= rest - 1) {
-        int k = itn__lowest_bit(rest);
-        ITN__LANE(m->end, k) = itn__test_cell(crowd->render, &crowd->paths[ITN__LANE(m->slot, k)],
-                                              ITN__LANE(at, k));
+        int k = itn__lowest_bit(rest), cell = ITN__LANE(at, k);
+        itn__path *path = &crowd->paths[ITN__LANE(m->slot, k)];
+        float slack = itn__slack(crowd->render->scene, path->p);
+        itn_ray ray;
+        ray.origin = path->p, ray.direction = path->d;
+        if (path->shear.kz < 0) itn__shear_make(&ray, &path->shear);
+        for (int i = voxels->first[cell]; i < voxels->first[cell + 1]; i++)
+            itn__pack_hit(&crowd->render->scene->bvh->packs[voxels->leaves[i]], &path->shear,
+                          -slack, &path->place.sides, &path->hit);
+        ITN__LANE(m->end, k) = path->hit.t;
     }
     for (unsigned rest = itn__mask_bits(mask & ~inside); rest; rest &= rest - 1)
         crowd->paths[ITN__LANE(m->slot, itn__lowest_bit(rest))].hit.triangle = -2;
