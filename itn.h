@@ -3784,8 +3784,8 @@ static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) 
 #define ITN__MANY_DRAWS_CLEAR 30000u
 #define ITN__LATE_LOSS 6.f /* of a path that has drawn n numbers, at each step: about 4 of them */
 
-/* How many are many in a medium, or outside (sigma_t 0); it counts as clear where light, trapped,
-   makes more than ten thousand reflections for a scattering. */
+/* How many are many in a medium; it counts as clear where light, trapped, makes more than ten
+   thousand reflections for a scattering. */
 ITN__INLINE uint32_t itn__many_draws_in(const itn_scene *scene, float sigma_t) {
     return sigma_t * scene->radius < 1e-5f ? ITN__MANY_DRAWS_CLEAR : ITN__MANY_DRAWS;
 }
@@ -3797,6 +3797,9 @@ static int itn__roulette(itn__walk *walk) {
     for (int c = 0; c < itn__channels(walk); c++) largest = itn__max(largest, walk->weight.beta[c]);
     if (walk->steps++ >= walk->sheltered && !(largest >= ITN__ROULETTE * ITN__SAME_WEIGHT))
         survival = largest / ITN__ROULETTE;
+    int outside = !medium && walk->place.refracting < 0; /* it may have come from any medium */
+    for (int k = 0; outside && k < 3 * walk->scene->medium_count; k++)
+        sigma_t = itn__max(sigma_t, walk->theta[walk->scene->media[k / 3].sigma_t[k % 3]]);
     if (walk->rng.dimension > itn__many_draws_in(walk->scene, sigma_t))
         survival *= 1 - ITN__LATE_LOSS / (float)walk->rng.dimension;
     if (survival >= 1) return 1;
@@ -6581,6 +6584,8 @@ static itn__ints itn__roulette_lanes(const itn__crowd *crowd, int substance, itn
     float sigma_t = render->substances[substance].sigma_t;
     itn__floats largest = s->beta[0], survival = itn__splat(1);
     itn__floats level = itn__splat(render->roulette);
+    for (int k = 1; !substance && k <= render->scene->medium_count; k++)
+        sigma_t = itn__max(sigma_t, render->substances[k].sigma_t); /* it may come from any */
     itn__ints late =
         itn__int_less(itn__splat_int(itn__many_draws_in(render->scene, sigma_t)), s->dimension);
     for (int c = 1; c < render->channels; c++) largest = itn__most(largest, s->beta[c]);
