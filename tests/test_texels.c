@@ -69,6 +69,8 @@ static itn_scene *ground_scene(int channels, int spectral, const itn_image *text
     return scene;
 }
 
+static const int *samples_of; /* each pixel, or NULL: all the same */
+
 static itn_image gradient_of(const itn_scene *scene, const char *item, uint64_t seed, int spp) {
     static float weights[3 * TEXELS_PIXELS];
     itn_render_options options = ITN_ZERO;
@@ -77,6 +79,7 @@ static itn_image gradient_of(const itn_scene *scene, const char *item, uint64_t 
     int i;
     for (i = 0; i < 3 * TEXELS_PIXELS; i++) weights[i] = weight_of(i);
     options.spp = spp, options.seed = seed, options.mode = ITN_MODE_REFERENCE;
+    options.samples = samples_of;
     stage_need(itn_render_texel_gradient(scene, NULL, &options, weights, item, &gradient, &error),
                &error);
     return gradient;
@@ -90,6 +93,7 @@ static double weighed(const itn_scene *scene, int channels, int only, uint64_t s
     double sum = 0;
     int i;
     options.spp = spp, options.seed = seed, options.mode = ITN_MODE_REFERENCE;
+    options.samples = samples_of;
     stage_need(itn_render(scene, NULL, &options, NULL, 0, &image, &error), &error);
     for (i = 0; i < channels * TEXELS_PIXELS; i++)
         if (only < 0 || i / TEXELS_PIXELS == only) sum += (double)weight_of(i) * image.pixels[i];
@@ -125,6 +129,7 @@ static void test_sums(int channels, int spectral, double error) {
         int parameter = itn_parameter_find(scene, channels == 1 ? "ground.reflectance" : names[c]);
         for (i = 0; i < channels * TEXELS_PIXELS; i++) weights[i] = weight_of(i);
         options.spp = 16, options.seed = 3, options.mode = ITN_MODE_REFERENCE;
+        options.samples = samples_of;
         stage_need(itn_render_gradient(scene, NULL, &options, weights, &parameter, 1, &expected,
                                        NULL, NULL), NULL);
         expected *= .8; /* the reflectance: what all texels are multiplied with */
@@ -262,6 +267,14 @@ static void test_well(double error) {
     itn_image_free(&white);
 }
 
+/* The same with other numbers of samples in each pixel. */
+static void test_uneven_sums(void) {
+    static int samples[TEXELS_PIXELS];
+    int i;
+    for (i = 0; i < TEXELS_PIXELS; i++) samples[i] = 1 + 7 * i % 31;
+    samples_of = samples, test_sums(1, 0, 0), samples_of = NULL;
+}
+
 /* ---- order, errors ---------------------------------------------------------------------------------- */
 
 static void texels_backwards(int count, void (*run)(void *task, int index), void *task,
@@ -330,6 +343,7 @@ int main(void) {
         CHECK_CATCHES(test_texel(1, 36, .1));
         CHECK_CATCHES(test_well(.2));
     }
+    test_uneven_sums();
     test_order();
     test_errors();
     CHECK_CATCHES(test_sums(1, 0, 1e-4));
