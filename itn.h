@@ -1517,7 +1517,7 @@ typedef struct itn__plane {
     double f, error;           /* F, and what rounding makes of it at most */
 } itn__plane;
 
-static itn__plane itn__plane_of(const itn__triangle *triangle, itn_vec3 point) {
+ITN__INLINE itn__plane itn__plane_of(const itn__triangle *triangle, itn_vec3 point) {
     const float p[3] = {point.x, point.y, point.z};
     double b[3], c[3], square = 0;
     itn__plane plane = ITN_ZERO;
