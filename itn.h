@@ -2931,6 +2931,8 @@ struct itn_scene {
     itn_vec3 lower, upper; /* their box, less the origin, and a little around it */
     int spectral;     /* some medium has a sigma_t or g for each channel */
     int last_sampled; /* of lights that are sampled; -1: none is */
+    itn__light guide; /* what of these is brighter than their mean, blurred, see [walk] */
+    float guided;     /* its part in their power */
     int leaky;        /* some solid is open or tangled, taken by force */
     void **kept;      /* [ITN__KEPT] chains, made on demand: tables ([voxels]), and ITN__SCRATCH */
 };
@@ -4689,6 +4691,21 @@ ITN__INLINE double itn__strength(double radiance, itn_vec3 d) {
     return radiance * (.5 + fabs((double)d.y));
 }
 
+/* The direction of a node of a light's grid. */
+static itn_vec3 itn__node_direction(const itn__light *light, float bottom, size_t node) {
+    float column = (float)(node % (size_t)light->width), row = (float)(node / (size_t)light->width);
+    float phi = 2 * ITN__PI * (column + .5f) / (float)light->width;
+    float theta = ITN__PI * (bottom / (float)(light->height - 1)) * row;
+    return itn__vec3(sinf(phi) * sinf(theta), cosf(theta), -cosf(phi) * sinf(theta));
+}
+
+/* Numbers k ... k + ITN__LANES - 1 of a lattice of ITN__GUIDE_DRAWS points, coordinate c. */
+static itn__floats itn__lattice(int k, int c) {
+    static const float steps[3] = {.8191725f, .6710436f, .5497005f}; /* Roberts 2018, R3 */
+    itn__floats x = .5f + steps[c] * itn__to_floats(itn__lane_numbers() + itn__splat_int(k));
+    return x - itn__to_floats(itn__to_ints(x));
+}
+
 /* Makes the grid of a map or sky: its density is the luminance at the nodes times sine; power,
    strength and breadth are sums over them. Nodes are drawn by tables, in which the first and the
    last row have half a tent. A thousandth of the mean at least keeps every part of a sky, clamped
@@ -4705,9 +4722,8 @@ static itn_result itn__make_grid(itn__maker *maker, itn__light *light, float bot
     if (!grid->density) return maker->result;
     grid->nodes = grid->density + nodes, grid->rows = grid->nodes + nodes;
     for (size_t i = 0; i < nodes; i++) {
-        float phi = 2 * ITN__PI * ((float)(i % width) + .5f) / (float)width;
-        float theta = ITN__PI * step * (float)(i / width), sine = itn__max(sinf(theta), cap);
-        itn_vec3 d = itn__vec3(sinf(phi) * sinf(theta), cosf(theta), -cosf(phi) * sinf(theta));
+        itn_vec3 d = itn__node_direction(light, bottom, i);
+        float sine = itn__max(sqrtf(d.x * d.x + d.z * d.z), cap);
         if (light->map) memcpy(rgb, light->map + 3 * i, sizeof rgb);
         else d.y = itn__max(d.y, 0), itn__light_radiance(light, 3, d, rgb);
         double luminance = itn__luminance(rgb);
@@ -4805,6 +4821,58 @@ static void itn__share_lights(itn_scene *scene) {
         light->share = (float)(.95 * light->share / sum + .05 / sampled);
         scene->last_sampled = (int)(light - scene->lights);
     }
+}
+
+/* Makes the light to which paths are guided within dielectrics ([walk]): a map of what the sampled
+   lights have above their mean, each node that of draws around it. */
+enum { ITN__GUIDE_WIDTH = 64, ITN__GUIDE_HEIGHT = 33, ITN__GUIDE_DRAWS = 4096 };
+#define ITN__GUIDE_BLUR .04f /* 1 - cos of the angle within which draws count */
+static itn_result itn__make_guide(itn__maker *maker) {
+    enum { NODES = ITN__GUIDE_WIDTH * ITN__GUIDE_HEIGHT, DRAWS = ITN__GUIDE_DRAWS };
+    const float size = 2 * ITN__PI / 3 * ITN__GUIDE_BLUR; /* integral of (1 - x / blur)^2 */
+    itn_scene *scene = maker->scene;
+    itn__light *guide = &scene->guide;
+    double power = 0;
+    if (scene->last_sampled < 0) return ITN_OK;
+    guide->kind = ITN__LIGHT_MAP;
+    guide->width = ITN__GUIDE_WIDTH, guide->height = ITN__GUIDE_HEIGHT;
+    guide->map = ITN__KEEP(float, 3 * NODES + 4 * DRAWS);
+    if (!guide->map) return maker->result;
+    float *d[3], *light = guide->map + 3 * NODES; /* of draws: directions, light over density */
+    for (int c = 0; c < 3; c++) d[c] = light + (c + 1) * DRAWS;
+    for (int k = 0; k < DRAWS; k += ITN__LANES) {
+        itn__floats u[3], pdf, sum = itn__splat(0);
+        itn__towards to;
+        for (int c = 0; c < 3; c++) u[c] = itn__lattice(k, c);
+        itn__draw_lights(scene, u, itn__splat_int(-1), &to, &pdf);
+        for (int i = 0; i <= scene->last_sampled; i++) {
+            const itn__light *from = &scene->lights[i];
+            itn__floats rgb[3];
+            itn__light_models[from->kind].radiance(from, 3, &to, rgb);
+            rgb[0] = .2126f * rgb[0] + .7152f * rgb[1] + .0722f * rgb[2];
+            if (from->share > 0) sum += scene->parameters[from->parameter].value * rgb[0];
+        }
+        itn__store(light + k, itn__select(itn__less(itn__splat(0), pdf), sum / pdf, pdf));
+        itn__store(d[0] + k, to.d.x), itn__store(d[1] + k, to.d.y), itn__store(d[2] + k, to.d.z);
+    }
+    for (int k = 0; k < DRAWS; k++) power += light[k] / (double)DRAWS;
+    for (int i = 0; i < NODES; i++) {
+        itn__vectors node = itn__splat_vector(itn__node_direction(guide, 1, (size_t)i));
+        itn__floats sum = itn__splat(0);
+        float all = 0;
+        for (int k = 0; k < DRAWS; k += ITN__LANES) {
+            itn__vectors draw = itn__vectors_of(itn__load(d[0] + k), itn__load(d[1] + k),
+                                                itn__load(d[2] + k));
+            itn__floats x = itn__vone_minus_cosine(node, draw) * (1 / ITN__GUIDE_BLUR);
+            x = itn__most(1 - x, itn__splat(0)), sum += itn__load(light + k) * x * x;
+        }
+        for (int k = 0; k < ITN__LANES; k++) all += ITN__LANE(sum, k);
+        all = all / (size * DRAWS) - (float)(power / (4 * (double)ITN__PI));
+        for (int c = 0; c < 3; c++) guide->map[3 * i + c] = itn__max(all, 0);
+    }
+    if (itn__make_grid(maker, guide, 1)) return maker->result;
+    if (power > 0) scene->guided = itn__min(guide->power / (float)power, 1);
+    return ITN_OK;
 }
 
 /* Parameters. A coordinate has no bounds, and steps in it are of a size that fits: the logarithm of
@@ -5184,8 +5252,8 @@ static ITN__COLD itn_result itn__create_scene(itn__maker *maker, const itn_conte
     for (int i = 0; i < scene->object_count && !maker->result; i++) itn__merge_object(maker, i);
     if (!maker->result) maker->result = itn__bvh_build(scene->bvh, maker->error);
     for (int i = 0; i < scene->object_count && !maker->result; i++) itn__check_parts(maker, i);
-    if (maker->result) return itn_scene_free(scene), maker->result;
-    itn__share_lights(scene);
+    if (!maker->result) itn__share_lights(scene);
+    if (maker->result || itn__make_guide(maker)) return itn_scene_free(scene), maker->result;
     itn__make_sides(scene);
     *made = scene;
     return ITN_OK;
@@ -5760,19 +5828,20 @@ static itn_result itn__tables_get(itn__render *render, itn_error *error) {
 
    A path that waits is a struct; the lanes of a stage are a state, into which paths are read and
    from which they are written back. A path's decisions depend on nothing but its random numbers,
-   which are those of the reference, and a crowd does a unit of work from start to end: so results
-   have the same bits for any number of threads. */
+   which are those of the reference (until it is guided, [walk]), and a crowd does a unit of work
+   from start to end: so results have the same bits for any number of threads. */
 
 /* What a path takes along, for lanes and for one path alone. p, d: where it is, and its direction;
    distance: of the flight drawn, or that has brought it to a collision, -1 before; beta: its
-   weight; pdf: the density by which d was drawn; up, level: the plane up . x = level of the last
-   surface, up being out of the medium, or one adopted since ([value]); control: minus the sum of
-   differences (itn__difference). For scores, since the last surface: flights: sigma_t times those
-   of flights; phases: those of turns by g; hits: number of collisions; bases: what is to be taken
-   off (itn__book). Of a shadow ray beta is what it would bring, pdf is xi c of [walk]. */
+   weight; pdf: the density by which d was drawn; relief: the weight of being guided ([walk]); up,
+   level: the plane up . x = level of the last surface, up being out of the medium, or one adopted
+   since ([value]); control: minus the sum of differences (itn__difference). For scores, since the
+   last surface: flights: sigma_t times those of flights; phases: those of turns by g; hits: number
+   of collisions; bases: what is to be taken off (itn__book). Of a shadow ray beta is what it would
+   bring, pdf is xi c of [walk]. */
 #define ITN__PATH_ROWS(number, vector, integer)                                                    \
     vector p, d;                                                                                   \
-    number distance, beta[3], pdf;                                                                 \
+    number distance, beta[3], pdf, relief;                                                         \
     integer key0, key1, dimension, index, scramble; /* of random numbers; of Sobol points */       \
     vector up;                                                                                     \
     number level, control[3], flights, phases, hits;                                               \
@@ -5825,7 +5894,8 @@ typedef struct itn__value {
 typedef struct itn__substance {
     const itn__medium *medium;
     float sigma_t, mean_free_path, albedo[3], g;
-    int lit; /* light may come straight into it */
+    int lit; /* light may come straight into it; else */
+    float index, guided; /* its index, and the chance to be guided at its surface */
     itn__value value;
 } itn__substance;
 
@@ -6307,11 +6377,27 @@ ITN__INLINE void itn__read_planes(const itn__voxels *voxels, itn__ints word, itn
     *against = itn__to_floats(itn__word_ints(itn__int_words(plane) >> 24));
 }
 
+/* Puts the plane of the surface nearby in the place of another one, for the lanes in the mask whose
+   p is below it. */
+ITN__NOINLINE void itn__adopt_plane(const itn__voxels *voxels, itn__vectors p, itn__ints mask,
+                                    itn__vectors *up, itn__floats *level) {
+    itn__ints none = itn__splat_int(0);
+    itn__floats below, middle, against;
+    itn__vectors n, centre;
+    itn__ints at = itn__cells_at(voxels, p, &mask, &centre);
+    itn__ints word = itn__gather_ints(voxels->cells, at, mask, none);
+    itn__read_planes(voxels, word, at, mask, &n, &below, &middle, &against);
+    itn__floats np = itn__vdot(n, itn__valong(p, itn__splat(-1), centre));
+    mask &= ~itn__int_equal(word & 0xffffff, none) & itn__less(np, middle);
+    itn__floats inverse = 1 / itn__root(itn__vdot(n, n));
+    *up = itn__vselect(mask, itn__vscale(n, inverse), *up);
+    *level = itn__select(mask, (itn__vdot(n, centre) + middle) * inverse, *level);
+}
+
 /* Looks up the surroundings of p for the lanes in the mask. Above the plane of its region, but in
-   an empty cell, a lane takes the empty cube. s, if not NULL, puts the plane of the surface nearby
-   in the place of the last face where p is below it. */
+   an empty cell, a lane takes the empty cube. */
 ITN__NOINLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, itn__ints mask,
-                                    itn__free_space *space, itn__state *s) {
+                                    itn__free_space *space) {
     itn__ints inside = mask, none = itn__splat_int(0);
     itn__floats below, middle, against;
     itn__vectors n, centre;
@@ -6320,12 +6406,6 @@ ITN__NOINLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, i
     itn__read_planes(voxels, word, at, inside, &n, &below, &middle, &against);
     itn__floats np = itn__vdot(n, itn__valong(p, itn__splat(-1), centre));
     itn__ints region = ~itn__int_equal(word & 0xffffff, none);
-    if (s) {
-        itn__ints under = mask & region & itn__less(np, middle);
-        itn__floats inverse = 1 / itn__root(itn__vdot(n, n));
-        s->up = itn__vselect(under, itn__vscale(n, inverse), s->up);
-        s->level = itn__select(under, (itn__vdot(n, centre) + middle) * inverse, s->level);
-    }
     region &= itn__int_equal(distance, none) | itn__less(np, below);
     below = itn__select(region, below, itn__splat(INFINITY));
     itn__floats half = (itn__to_floats(distance - region) - .51f) * voxels->cell;
@@ -6445,9 +6525,15 @@ static void itn__find_hits(itn__crowd *crowd) {
 /* ---- [walk] shadow rays; collisions, one after the other ------------------------------------- */
 
 /* With sampled lights each vertex sends out a shadow ray, a straight flight to the light that
-   carries what the light would add, while its path goes on at once. A vertex within a dielectric
-   sends none: light comes there by refraction only. Shadow rays wait until all
+   carries what the light would add, while its path goes on at once. Shadow rays wait until all
    stages have had their turn.
+
+   A vertex within a dielectric sends none: light comes there by refraction only, and a path that
+   leaves through a rough boundary meets a bright spot once in hundreds of times. So near a face
+   new directions are drawn now and then as if a direction of the light were refracted there. If the
+   face is another one or rough, the path may still scatter elsewhere: the weight says what it is
+   worth. Roulette does not count that weight (relief) until the next collision; else it would
+   raise again what has just been divided.
 
    A shadow ray of weight w and transmittance tr is cut by roulette before it is traced, at a level
    c (ITN__SHADOW_LEVEL): for uniform xi it counts as max(w tr, c) if w tr > xi c, and else as
@@ -6457,6 +6543,8 @@ static void itn__find_hits(itn__crowd *crowd) {
 /* c, relative to the mean radiance of the sampled lights over all directions, times the largest
    albedo or reflectance. */
 #define ITN__SHADOW_LEVEL .3
+#define ITN__GUIDED .22f       /* the chance to be guided at a face, if all light is the guide's */
+#define ITN__LEAST_GUIDED .01f /* less is none */
 
 /* A shadow ray has come to ray->hit. It arrives, and brings its light home, or is stopped, or goes
    on behind an index-matched boundary: then returns 1. */
@@ -6589,6 +6677,7 @@ static itn__ints itn__roulette_lanes(const itn__crowd *crowd, int substance, itn
     itn__ints late =
         itn__int_less(itn__splat_int(itn__many_draws_in(render->scene, sigma_t)), s->dimension);
     for (int c = 1; c < render->channels; c++) largest = itn__most(largest, s->beta[c]);
+    largest = largest / s->relief;
     itn__ints low = ~itn__less_equal(level * ITN__SAME_WEIGHT, largest);
     if (!itn__mask_bits((low | late) & mask)) return mask;
     survival = itn__select(low, largest / level, survival);
@@ -6631,6 +6720,53 @@ static void itn__light_collisions(itn__crowd *crowd, int substance, itn__state *
     }
 }
 
+/* Within a dielectric, at a collision that is not deep below a face, directions d that the phase
+   function has drawn are redrawn with chance q towards the guide: from its density by a direction
+   outside, refracted at the plane of the face (Snell's law; those that go into the plane are
+   mirrored). So d has the density (1 - q) p + q p_guide n^2 cos / cos_outside, p being that of the
+   phase function. x and y are 1 - and 1 + the cosine to the old direction. */
+ITN__NOINLINE void itn__guide_lanes(const itn__crowd *crowd, const itn__substance *medium,
+                                    itn__state *s, const itn__vectors *old, itn__ints mask,
+                                    itn__floats *x, itn__floats *y) {
+    const itn__light *guide = &crowd->render->scene->guide;
+    float n = medium->index;
+    itn__floats zero = itn__splat(0), one = itn__splat(1), minus = itn__splat(-1);
+    itn__vectors up = s->up;
+    itn__floats level = s->level;
+    itn__adopt_plane(crowd->render->voxels, s->p, mask, &up, &level);
+    itn__floats depth = medium->sigma_t * (level - itn__vdot(up, s->p));
+    itn__floats q = medium->guided * itn__vexp(-itn__most(depth, zero)), pdf = zero;
+    s->relief = itn__select(mask, one, s->relief);
+    mask &= itn__less(itn__splat(ITN__LEAST_GUIDED), q);
+    if (!itn__mask_bits(mask)) return;
+    itn__ints drawn = mask & itn__less(itn__draw(crowd, s, mask), q);
+    if (itn__mask_bits(drawn)) {
+        itn__floats u = itn__draw(crowd, s, drawn), v = itn__draw(crowd, s, drawn);
+        itn__vectors o = itn__grid_sample(guide, u, v);
+        o = itn__vscale(itn__valong(o, -itn__vdot(o, up), up), itn__splat(1 / n));
+        o = itn__valong(o, itn__safe_root(1 - itn__vdot(o, o)), up);
+        s->d = itn__vselect(drawn, itn__vnormalize(o), s->d);
+        *x = itn__select(drawn, itn__vone_minus_cosine(*old, s->d), *x);
+        *y = itn__select(drawn, itn__vone_minus_cosine(*old, itn__vscale(s->d, minus)), *y);
+    }
+    itn__floats cosine = itn__vdot(s->d, up);
+    itn__vectors along = itn__vscale(itn__valong(s->d, -cosine, up), itn__splat(n));
+    itn__floats outside = itn__safe_root(1 - itn__vdot(along, along));
+    itn__ints leaves = mask & itn__less(zero, cosine) & itn__less(zero, outside);
+    for (int side = -1; side <= 1; side += 2) { /* the direction, and its mirror image */
+        itn__towards to;
+        to.d = itn__valong(along, (float)side * outside, up);
+        itn__map_coordinates(&to);
+        pdf += itn__grid_pdf(guide, &to);
+    }
+    pdf = itn__select(leaves, pdf * (n * n) * cosine / itn__select(leaves, outside, one), zero);
+    itn__floats p = itn__hg(itn__constant(itn__splat(medium->g)), *x, *y).v;
+    itn__floats weight = itn__select(mask, p / (p + q * (pdf - p)), one);
+    for (int c = 0; c < crowd->render->channels; c++) s->beta[c] = s->beta[c] * weight;
+    weight = itn__most(itn__least(weight, one), itn__splat(FLT_MIN));
+    s->relief = itn__select(mask, weight, s->relief);
+}
+
 /* A collision in each lane of the mask: albedo, a shadow ray, a new direction. Returns who goes
    on. */
 static itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state *s, itn__ints mask,
@@ -6653,6 +6789,7 @@ static itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state *s, i
     else if (render->shadows) s->dimension += itn__splat_int(3) & mask;
     itn__floats u = itn__draw(crowd, s, mask), v = itn__draw(crowd, s, mask);
     s->d = itn__vselect(mask, itn__sample_hg(d, itn__splat(medium->g), u, v, &x, &y), d);
+    if (medium->guided > 0) itn__guide_lanes(crowd, medium, s, &d, mask, &x, &y);
     score = zero;
     if (!render->only_constant || render->count) {
         itn__num p = itn__hg(itn__variable(itn__splat(medium->g)), x, y);
@@ -6725,8 +6862,9 @@ static itn__ints itn__fly(const itn__render *render, itn__lanes *walk, itn__ints
     itn__ints safe = mask & itn__free_flight(&walk->space, q, walk->s.d, &nq);
     itn__ints unsure = mask & ~safe;
     if (itn__mask_bits(unsure)) {
-        itn__look_around(render->voxels, walk->s.p, unsure, &walk->space,
-                         render->controls || render->learning ? &walk->s : NULL);
+        itn__look_around(render->voxels, walk->s.p, unsure, &walk->space);
+        if (render->controls || render->learning)
+            itn__adopt_plane(render->voxels, walk->s.p, unsure, &walk->s.up, &walk->s.level);
         safe = mask & itn__free_flight(&walk->space, q, walk->s.d, &nq);
     }
     walk->s.p = itn__vselect(safe, q, walk->s.p);
@@ -6997,7 +7135,7 @@ static itn__path *itn__start_path(itn__crowd *crowd, size_t pixel, int sample, i
         if (render->count && render->slots[exposure] >= 0)
             path->scores[render->slots[exposure]] = 1 / render->theta[exposure];
     }
-    path->pdf = INFINITY, path->copies = 1;
+    path->pdf = INFINITY, path->copies = 1, path->relief = 1;
     path->up.y = 1; /* some plane, for paths that begin in a medium */
     path->index = sample % render->set * render->walks + walk;
     path->scramble = (int32_t)set.key0;
@@ -7119,8 +7257,10 @@ static int itn__fast_know(itn__render *render) {
     }
     for (int i = 0; i < scene->object_count && render->shadows; i++) {
         const itn__object *object = &scene->objects[i];
-        render->substances[1 + object->medium].lit |=
-            !object->refracts || itn__is_lit(scene, render->theta, i);
+        itn__substance *at = &render->substances[1 + object->medium];
+        at->lit |= !object->refracts || itn__is_lit(scene, theta, i);
+        at->index = itn__ior(scene, theta, i);
+        at->guided = at->lit ? 0 : ITN__GUIDED * sqrtf(scene->guided);
     }
     level /= 4 * (double)ITN__PI;
     render->shadow_cut = (float)(ITN__SHADOW_LEVEL * level) * brightest;

@@ -250,6 +250,13 @@ static void open_render(inside *in, const itn_scene *scene, const itn_render_opt
     CHECK(itn__fast_know(render));
     stage_need(itn__divide(render, &error), &error);
 }
+
+/* Leaves out what the reference has not, and what takes planes from the tables. */
+static void no_guide(inside *in) {
+    int m;
+    for (m = 0; m <= in->scene->medium_count; m++) in->render.substances[m].guided = 0;
+}
+
 static void close_render(inside *in) { itn__render_end(&in->render, ITN_OK); }
 
 /* What the paths of a unit leave. */
@@ -364,6 +371,7 @@ static void check_paths(int which, int planted) {
     options.walks = 1, options.sampler = ITN_SAMPLER_RANDOM;
     open_render(&in, scene, &options);
     in.render.shadow_cut = 0, in.render.roulette = ITN__ROULETTE;
+    no_guide(&in);
     CHECK(itn__walk_make(&walk, &in.render, NULL));
     if (planted == 2) in.render.substances[1].g += .001f;
     if (planted == 3) in.render.constant[0] *= 1.0001f;
@@ -587,6 +595,7 @@ static void check_tables(int which, int planted) {
     inside in;
     options.spp = 64, options.walks = 1, options.seed = 8;
     open_render(&in, scene, &options);
+    no_guide(&in);
     whole = whole_unit(&in);
     paths = whole.side * whole.side * whole.count;
     for (k = 0; k < 3; k++) { /* one that knows nothing; coarse; fine */
@@ -803,7 +812,7 @@ static void take_step(herd *f) {
     q = itn__valong(f->p, f->distance, f->d);
     safe = itn__free_flight(&f->space, q, f->d, &nq);
     f->cached += itn__count_bits(itn__mask_bits(safe));
-    itn__look_around(f->voxels, f->p, all & ~safe, &f->space, NULL);
+    itn__look_around(f->voxels, f->p, all & ~safe, &f->space);
     safe = itn__free_flight(&f->space, q, f->d, &nq);
     f->space.np = itn__select(safe, nq, f->space.np);
     bits = itn__mask_bits(safe);
@@ -942,6 +951,67 @@ static void test_images(void) {
         if (!only_reference(which)) check_images(which, -1);
     CHECK_CATCHES(check_images(ROUGH, SMOOTH));
     CHECK_CATCHES(check_images(MATCHED, WHITE));
+}
+
+/* ---- guided directions ----------------------------------------------------------------------- */
+
+/* With their weights, guided directions have the moments of the phase function: its integral, the
+   mean cosine g, and what goes out of the plane steeply, which is also found by the phase function
+   alone. planted: the density of the guide is twice what is drawn by. */
+static void check_guide(int which, int planted) {
+    enum { ROUNDS = 160000 / ITN__LANES };
+    itn_scene *scene = make_scene(which, NULL);
+    itn_render_options options = ITN_ZERO;
+    itn__rng rng = itn__rng_make(11, (uint64_t)which, 0);
+    double sums[3] = {0}, squares[3] = {0}, plain[2] = {0}, turned = 0, n = ROUNDS * ITN__LANES;
+    inside in;
+    int round, k, c;
+    options.spp = 4, options.walks = 1;
+    open_render(&in, scene, &options);
+    whole_unit(&in);
+    itn__substance *medium = &in.render.substances[1];
+    CHECK(medium->guided > .05f && medium->index > 1 && !medium->lit);
+    for (k = 0; planted && k < scene->guide.width * scene->guide.height; k++)
+        scene->guide.grid.density[k] *= 2;
+    for (round = 0; round < ROUNDS; round++) {
+        itn__state s = ITN_ZERO;
+        itn__vectors old, up;
+        itn__floats x, y, u, v, phase_only, cosine;
+        for (k = 0; k < ITN__LANES; k++) { /* just below a plane through the middle, up any way */
+            itn_vec3 a = itn__direction(itn__vec3(itn__uniform(&rng) - .5f, itn__uniform(&rng) - .5f,
+                                                  itn__uniform(&rng) - .5f));
+            itn_vec3 b = itn__direction(itn__vec3(itn__uniform(&rng) - .5f, itn__uniform(&rng) - .5f,
+                                                  itn__uniform(&rng) - .5f));
+            ITN__LANE(up.x, k) = a.x, ITN__LANE(up.y, k) = a.y, ITN__LANE(up.z, k) = a.z;
+            ITN__LANE(old.x, k) = b.x, ITN__LANE(old.y, k) = b.y, ITN__LANE(old.z, k) = b.z;
+            ITN__LANE(s.level, k) = itn__uniform(&rng) * medium->mean_free_path;
+            ITN__LANE(u, k) = itn__uniform(&rng), ITN__LANE(v, k) = itn__uniform(&rng);
+            ITN__LANE(s.key0, k) = (int32_t)itn__rng_bits(&rng);
+            ITN__LANE(s.beta[0], k) = 1;
+        }
+        s.p = itn__splat_vector(itn__vec3(0, 0, 0)), s.up = up;
+        s.d = itn__sample_hg(old, itn__splat(medium->g), u, v, &x, &y);
+        phase_only = itn__vdot(s.d, up);
+        itn__guide_lanes(in.render.workers[0].crowd, medium, &s, &old, itn__splat_int(-1), &x, &y);
+        cosine = itn__vdot(s.d, up);
+        for (k = 0; k < ITN__LANES; k++) {
+            double w = ITN__LANE(s.beta[0], k), f[3];
+            f[0] = w, f[1] = w * (1 - (double)ITN__LANE(x, k));
+            f[2] = w * (ITN__LANE(cosine, k) > .9f) - (ITN__LANE(phase_only, k) > .9f);
+            turned += ITN__LANE(cosine, k) != ITN__LANE(phase_only, k);
+            for (c = 0; c < 3; c++) sums[c] += f[c] / n, squares[c] += f[c] * f[c] / n;
+        }
+    }
+    plain[0] = 1, plain[1] = medium->g;
+    CHECK(turned > .02 * n);
+    for (c = 0; c < 3; c++) {
+        double expected = c < 2 ? plain[c] : 0, sigma = sqrt((squares[c] - sums[c] * sums[c]) / n);
+        check_report(fabs(sums[c] - expected) <= 4 * sigma + 1e-5, __FILE__, __LINE__,
+                     "%s: moment %d is %.5f +- %.5f, not %.5f", kind_names[which], c, sums[c], sigma,
+                     expected);
+    }
+    close_render(&in);
+    itn_scene_free(scene);
 }
 
 /* ---- stated errors --------------------------------------------------------------------------- */
@@ -1194,6 +1264,8 @@ int main(void) {
     test_flights();
     test_images();
     test_variances();
+    check_guide(SMOOTH, 0);
+    CHECK_CATCHES(check_guide(SMOOTH, 1));
     test_edges();
     test_no_way_back(0);
     CHECK_CATCHES(test_no_way_back(1));
