@@ -282,9 +282,9 @@ static void test_files(void) {
         {"background 0", "film.background", NULL, 0},
         {"background .3 channels 3", "film.background_g", NULL, .300000012},
         {"background .3 .4 .5 channels 3", "film.background_b", NULL, .5},
-        {"exposure 0", NULL, "x:1: exposure: 0 is ", 0},
-        {"exposure -1", NULL, "x:1: exposure: -1 is ", 0},
-        {"background -1", NULL, "x:1: background: -1 is not in [0, 1e+18]", 0},
+        {"exposure 0", NULL, "x:1: film: exposure 0 is ", 0},
+        {"exposure -1", NULL, "x:1: film: exposure -1 is ", 0},
+        {"background -1", NULL, "x:1: film: background -1 is not in [0, 1e+18]", 0},
         {"background", NULL, "x:1: background ", 0},
         {"exposure 1 2 3", NULL, "x:1: a colour of three numbers needs a film", 0},
         {"exposure 1 2", NULL, "x:1: exposure takes ", 0}};
