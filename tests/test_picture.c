@@ -202,7 +202,7 @@ static void test_variance_of_jobs(double planted) {
         itn_error error;
         stage s;
         stage_begin(&s, SIDE, 4, 32);
-        stage_medium(&s, "m", 8, .9, .5);
+        stage_medium(&s, "m", 5, .95, .5); /* of coarse cells in small jobs */
         stage_object(&s, &mesh, "m", NULL);
         stage_constant(&s, NULL, 1);
         scene = stage_make(&s);
