@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.10.0                          [itn]
+/* itn.h - inverse transport networks in one C header, version 0.11.0                          [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -93,7 +93,7 @@
 #include <stdint.h>
 
 #define ITN_VERSION_MAJOR 0
-#define ITN_VERSION_MINOR 10
+#define ITN_VERSION_MINOR 11
 #define ITN_VERSION_PATCH 0
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which means "the default" where a field
@@ -11491,6 +11491,11 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history] what changed for callers, newest first
+   0.11.0 rough and smooth dielectrics under maps and skies render several times as efficiently;
+          samples by pixel for gradients, too.
+          breaks: itn_refine is Gauss-Newton alone: itn_method, the options method and learning_rate
+          and a step's loss are gone; words of errors in scene files and meshes; images have other
+          bits; an EXR block with bytes left over is an error
    0.10.0 photos: itn_photo_make, PNG files are read; exposure and background of a film;
           itn_scene_tissue, mu_a, mu_s and mu_s' in scene files; searches report within evaluations.
           breaks: every scene has film.exposure, last of its parameters but for film.background; a
