@@ -62,7 +62,8 @@
      Memory: every object copies what it is given, keeps its context and frees by it. Arrays are
      row-major, with shapes as in [channels][height][width]. Pointers must not alias unless said.
      Threads: no globals. A scene, mesh or BVH may be used by many threads at once, which then
-     all call the functions of its context; a network may be used by one at a time.
+     all call the functions of its context (a scene by one, if the compiler is not GCC, Clang or
+     MSVC); a network may be used by one at a time.
      Determinism: on one build, results are the same bits for any number of threads and any
      parallel_for. -ffast-math removes checks for NaN: do not use it.
 
@@ -997,8 +998,7 @@ static itn_result itn__context_check(const itn_context *given, itn_context *cont
                                      itn_error *error) {
     memset(context, 0, sizeof *context);
     if (given && !given->allocate != !given->deallocate)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_context: set both allocate and deallocate, or neither");
+        return ITN__INVALID("itn_context: set both allocate and deallocate, or neither");
     if (given) *context = *given;
     return ITN_OK;
 }
@@ -4117,8 +4117,8 @@ ITN_API itn_result itn_image_create(int width, int height, int plane_count,
     size_t pixels = (size_t)width * (size_t)height;
     itn_image made = ITN_ZERO;
     if (!image || width < 1 || height < 1 || plane_count < 1)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_image_create: image is NULL, or of %d "
-                         "x %d x %d planes one is not positive", width, height, plane_count);
+        return ITN__INVALID("itn_image_create: image is NULL, or of %d "
+                            "x %d x %d planes one is not positive", width, height, plane_count);
     itn_result result = itn__context_check(context, &made.context, error);
     if (result) return result;
     made.width = width, made.height = height, made.plane_count = plane_count;
@@ -4167,8 +4167,8 @@ ITN_API itn_result itn_mesh_create(int vertex_count, int triangle_count, int wit
     itn_result result = itn__context_check(context, &made.context, error);
     if (result) return result;
     if (!mesh || vertex_count < 0 || triangle_count < 0)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_mesh_create: mesh is NULL, or %d "
-                         "vertices or %d triangles are negative", vertex_count, triangle_count);
+        return ITN__INVALID("itn_mesh_create: mesh is NULL, or %d "
+                            "vertices or %d triangles are negative", vertex_count, triangle_count);
     made.vertex_count = vertex_count, made.triangle_count = triangle_count;
     made.positions = (float *)itn__allocate(&made.context, (size_t)vertex_count, 3 * sizeof(float));
     made.triangles = (int *)itn__allocate(&made.context, (size_t)triangle_count, 3 * sizeof(int));
@@ -4195,8 +4195,8 @@ static itn_result itn__mesh_readable(const itn_mesh *mesh, const char *who, itn_
     if (mesh && mesh->vertex_count >= 0 && mesh->triangle_count >= 0 &&
         (!mesh->vertex_count || mesh->positions) && (!mesh->triangle_count || mesh->triangles))
         return ITN_OK;
-    return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: mesh, its positions or triangles are NULL, "
-                     "or its vertex_count or triangle_count is negative", who);
+    return ITN__INVALID("%s: mesh, its positions or triangles are NULL, "
+                        "or its vertex_count or triangle_count is negative", who);
 }
 
 ITN_API itn_result itn_bvh_create(const itn_mesh *mesh, const itn_context *context, itn_bvh **bvh,
@@ -4207,8 +4207,7 @@ ITN_API itn_result itn_bvh_create(const itn_mesh *mesh, const itn_context *conte
     if (!result) result = itn__mesh_readable(mesh, "itn_bvh_create", error);
     if (result) return result;
     if (!bvh || mesh->triangle_count == 0)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_bvh_create: bvh is NULL, or the mesh has no triangle");
+        return ITN__INVALID("itn_bvh_create: bvh is NULL, or the mesh has no triangle");
     if (mesh->triangle_count < 1 << 30) made = itn__bvh_new(&own, mesh->triangle_count);
     if (!made) return itn__out_of_memory(error, "a bounding volume hierarchy");
     for (size_t i = 0; i < 3 * (size_t)mesh->triangle_count && !result; i++) {
@@ -4217,9 +4216,8 @@ ITN_API itn_result itn_bvh_create(const itn_mesh *mesh, const itn_context *conte
         if (there && itn__finite3(itn__vec3(p[0], p[1], p[2])))
             memcpy(made->triangles[i / 3].corner[i % 3], p, 3 * sizeof *p);
         else
-            result = itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                               "itn_bvh_create: vertex %d of triangle %d %s", vertex, (int)(i / 3),
-                               there ? "is not finite" : "is missing");
+            result = ITN__INVALID("itn_bvh_create: vertex %d of triangle %d %s", vertex,
+                                  (int)(i / 3), there ? "is not finite" : "is missing");
     }
     if (!result) result = itn__bvh_build(made, error);
     if (result) itn_bvh_free(made);
@@ -4361,7 +4359,7 @@ ITN_API ITN__COLD itn_result itn_mesh_check(const itn_mesh *mesh, const itn_cont
     itn_result result = itn__context_check(context, &own, error);
     if (!result) result = itn__mesh_readable(mesh, "itn_mesh_check", error);
     if (result) return result;
-    if (!report) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_mesh_check: report is NULL");
+    if (!report) return ITN__INVALID("itn_mesh_check: report is NULL");
     if (mesh->triangle_count > INT_MAX / 9) return itn__out_of_memory(error, "a mesh check");
     size_t vertices = (size_t)mesh->vertex_count, triangles = (size_t)mesh->triangle_count;
     w.mesh = mesh, w.report.first_bad_vertex = w.report.first_bad_triangle = -1;
@@ -4675,7 +4673,7 @@ static itn_result itn__make_surface(itn__maker *maker, int index) {
     if (itn__bsdfs[in.type].flags & ITN__TEXTURED) surface->texture = in.texture;
     if ((unsigned)surface->texture > (unsigned)ITN_TEXTURE_IMAGE)
         return ITN__REFUSE("unknown texture");
-    itn__take_fields(maker, itn__fields_of(ITN__SURFACE, in.type), &in, surface);
+    itn__take_fields(maker, itn__fields_of(ITN__SURFACE, (int)in.type), &in, surface);
     if (surface->texture == ITN_TEXTURE_CHECKER)
         itn__take_fields(maker, itn__forms[ITN__CHECKER_FORM], &in, surface);
     if (surface->texture == ITN_TEXTURE_IMAGE && !maker->result)
@@ -4785,7 +4783,7 @@ static itn_result itn__make_light(itn__maker *maker, int index) {
         return maker->result;
     if ((unsigned)in.type >= (unsigned)ITN__LIGHT_SUN) return ITN__REFUSE("unknown type");
     light->kind = (itn__light_kind)in.type, scene->light_count++;
-    if (itn__take_fields(maker, itn__fields_of(ITN__LIGHT, in.type), &in, light))
+    if (itn__take_fields(maker, itn__fields_of(ITN__LIGHT, (int)in.type), &in, light))
         return maker->result;
     light->share = in.scale; /* until the shares are known */
     memcpy(light->radiance, in.type == ITN_LIGHT_SKY ? in.sky.radiance : in.radiance,
@@ -4867,7 +4865,7 @@ static itn_result itn__make_guide(itn__maker *maker) {
             x = itn__most(1 - x, itn__splat(0)), sum += itn__load(light + k) * x * x;
         }
         for (int k = 0; k < ITN__LANES; k++) all += ITN__LANE(sum, k);
-        all = all / (size * DRAWS) - (float)(power / (4 * (double)ITN__PI));
+        all = all / (size * (float)DRAWS) - (float)(power / (4 * (double)ITN__PI));
         for (int c = 0; c < 3; c++) guide->map[3 * i + c] = itn__max(all, 0);
     }
     if (itn__make_grid(maker, guide, 1)) return maker->result;
@@ -5264,7 +5262,7 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
     itn__maker maker = ITN_ZERO;
     maker.desc = desc, maker.error = error, maker.refusal = ITN_ERROR_ARGUMENT;
     if (desc && scene) return itn__create_scene(&maker, context, scene);
-    return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_scene_create: NULL argument");
+    return ITN__INVALID("itn_scene_create: NULL argument");
 }
 
 /* Pixels and samples that are rendered together, and where a crowd has got to. */
@@ -8239,8 +8237,7 @@ ITN_API itn_result itn_loss_image(const itn_scene *scene, const float *theta,
                                   double *loss, double *gradient, itn_error *error) {
     itn_result result = ITN_OK;
     if (!scene || !parameters || !predicted || !loss || !gradient || count < 1)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_loss_image: a pointer is NULL or count is below 1");
+        return ITN__INVALID("itn_loss_image: a pointer is NULL or count is below 1");
     float *values = ITN__NEW(float, &scene->context, scene->parameter_count);
     if (!values) return itn__out_of_memory(error, "the parameters of a scene");
     itn_parameter_values(scene, values);
@@ -8248,9 +8245,8 @@ ITN_API itn_result itn_loss_image(const itn_scene *scene, const float *theta,
     for (int k = 0; k < count && !result; k++) {
         const itn_parameter *p = itn_parameter_get(scene, parameters[k]);
         if (!p || !itn__finite((double)predicted[k]))
-            result = itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                               "itn_loss_image: coordinate %d is %g, of parameter %d of %d", k,
-                               (double)predicted[k], parameters[k], scene->parameter_count);
+            result = ITN__INVALID("itn_loss_image: coordinate %d is %g, of parameter %d of %d", k,
+                                  (double)predicted[k], parameters[k], scene->parameter_count);
         else
             values[parameters[k]] =
                 (float)fmax(itn_parameter_from_coordinate(p, (double)predicted[k]),
@@ -8309,19 +8305,17 @@ static itn_result itn__net_desc_fill(const itn_net_desc *given, itn_net_desc *de
     for (int k = 0; k < ITN__NET_SIZES; k++) {
         if (sizes[k] == 0) sizes[k] = rows[k].standard;
         if (sizes[k] < 1 || sizes[k] > rows[k].most)
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "itn_net_desc: %s is %d, must be in 1..%d", rows[k].name, sizes[k],
-                             rows[k].most);
+            return ITN__INVALID("itn_net_desc: %s is %d, must be in 1..%d", rows[k].name, sizes[k],
+                                rows[k].most);
     }
     memcpy(desc, sizes, sizeof sizes);
     int halvings = 1 << desc->layer_count;
     if (desc->first_channels > 2 * 65536 / halvings || desc->width % halvings ||
         desc->height % halvings)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_net_desc: %d layers double first_channels (%d), to at most 65536, "
-                         "and halve width (%d) and height (%d), which must be multiples of %d",
-                         desc->layer_count, desc->first_channels, desc->width, desc->height,
-                         halvings);
+        return ITN__INVALID("itn_net_desc: %d layers double first_channels (%d), to at most 65536, "
+                            "and halve width (%d) and height (%d), which must be multiples of %d",
+                            desc->layer_count, desc->first_channels, desc->width, desc->height,
+                            halvings);
     return ITN_OK;
 }
 
@@ -8408,7 +8402,7 @@ static itn_result itn__net_make(const itn_net_desc *desc, const itn_context *con
    numbers make one normal (Box and Muller 1958). */
 ITN_API itn_result itn_net_create(const itn_net_desc *desc, const itn_context *context,
                                   itn_net **net, itn_error *error) {
-    if (!net) return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_net_create: net is NULL");
+    if (!net) return ITN__INVALID("itn_net_create: net is NULL");
     itn_result result = itn__net_make(desc, context, net, error);
     int layers = result == ITN_OK ? (*net)->desc.layer_count : -1;
     for (int l = 0; l <= layers; l++) {
@@ -8456,14 +8450,12 @@ ITN_API itn_result itn_net_input(int width, int height, const float *pixels, dou
     int plane, i;
     if (!pixels || !input || width < 1 || height < 1 || !(mean > 0) || !itn__finite(mean) ||
         width > INT_MAX / height)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_net_input: a pointer is NULL, a size (%dx%d) below 1 or the mean "
-                         "(%g) not a positive number", width, height, mean);
+        return ITN__INVALID("itn_net_input: a pointer is NULL, a size (%dx%d) below 1 or the mean "
+                            "(%g) not a positive number", width, height, mean);
     for (i = 0, plane = width * height; i < plane; i++)
         if (!(fabs((double)pixels[i]) <= FLT_MAX * fmin(mean, 1)))
-            return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                             "itn_net_input: pixel (%d, %d) is not finite, or too large for a "
-                             "mean of %g", i % width, i / width, mean);
+            return ITN__INVALID("itn_net_input: pixel (%d, %d) is not finite, or too large for a "
+                                "mean of %g", i % width, i / width, mean);
     for (i = 0; i < 2 * plane; i++) { /* first all of the blur, of which edges are then made */
         double sum = 0;
         int x = i % width, y = i / width % height;
@@ -8543,7 +8535,7 @@ static itn_result itn__net_call(itn_net *net, int batch, const float *in, const 
                                 int backward, itn_error *error) {
     const char *name = backward ? "itn_net_backward" : "itn_net_forward";
     if (!net || !in || !out)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: a pointer is NULL", name);
+        return ITN__INVALID("%s: a pointer is NULL", name);
     if (batch < 1 || batch > net->desc.batch || (backward && batch != net->forward_batch))
         return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
                          "%s: batch is %d, this network was made for 1..%d, and the latest forward "
@@ -8552,8 +8544,8 @@ static itn_result itn__net_call(itn_net *net, int batch, const float *in, const 
     if (backward) size = (size_t)net->desc.outputs;
     size_t count = (size_t)batch * size, bad = itn__first_beyond(in, count, FLT_MAX);
     if (bad < count)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "%s: value %.0f of image %.0f is not finite",
-                         name, (double)(bad % size), (double)(bad / size));
+        return ITN__INVALID("%s: value %.0f of image %.0f is not finite", name,
+                            (double)(bad % size), (double)(bad / size));
     net->given = in;
     return ITN_OK;
 }
@@ -8571,9 +8563,8 @@ ITN_API itn_result itn_net_forward(itn_net *net, int batch, const float *images,
     itn__parallel_for(&net->context, batch, itn__net_forward_full, net);
     size_t count = (size_t)batch * (size_t)net->desc.outputs;
     if (itn__first_beyond(net->outputs, count, FLT_MAX) < count)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_net_forward: the outputs are not finite: a weight is NaN or far "
-                         "too large");
+        return ITN__INVALID("itn_net_forward: the outputs are not finite: a weight is NaN or far "
+                            "too large");
     net->forward_batch = batch;
     memcpy(outputs, net->outputs, count * sizeof *outputs);
     return ITN_OK;
@@ -8629,14 +8620,12 @@ static void itn__net_step_part(void *data, int index) {
 
 ITN_API itn_result itn_net_step(itn_net *net, double rate, itn_error *error) {
     if (!net || !(rate > 0 && rate <= 1))
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_net_step: net is NULL, or the rate (%g) not in (0,1]", rate);
+        return ITN__INVALID("itn_net_step: net is NULL, or the rate (%g) not in (0,1]", rate);
     /* the largest whose square is finite: */
     size_t bad = itn__first_beyond(net->gradients, net->count, 1.8446742e19f);
     if (bad < net->count)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_net_step: gradient %.0f is %g, and its square is not finite; "
-                         "no step was taken", (double)bad, (double)net->gradients[bad]);
+        return ITN__INVALID("itn_net_step: gradient %.0f is %g, and its square is not finite; "
+                            "no step was taken", (double)bad, (double)net->gradients[bad]);
     net->steps++, net->rate = rate;
     itn__parallel_for(&net->context, (int)((net->count - 1) / ITN__ADAM_PART + 1),
                       itn__net_step_part, net);
@@ -10969,7 +10958,7 @@ ITN_API ITN__COLD itn_result itn_mesh_from_memory(const void *bytes, size_t size
                                                   itn_error *error) {
     itn__builder b = ITN_ZERO;
     if (!bytes || !mesh)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_mesh_from_memory: NULL argument");
+        return ITN__INVALID("itn_mesh_from_memory: NULL argument");
     itn_result result = itn__context_check(context, &b.uvs.context, error);
     if (result) return result;
     b.positions.context = b.texcoords.context = b.corners.context = b.uvs.context;
@@ -11005,7 +10994,7 @@ ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn
     char header[400];
     if (!mesh || mesh->vertex_count < 1 || mesh->triangle_count < 1 || !mesh->positions ||
         !mesh->triangles)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving a mesh: it has no triangles");
+        return ITN__INVALID("saving a mesh: it has no triangles");
     itn_result result = itn__context_check(&mesh->context, &buffer.context, error);
     if (result) return result;
     itn__put(&buffer, header,
@@ -11027,8 +11016,8 @@ ITN_API itn_result itn_mesh_save_ply(const itn_mesh *mesh, const char *path, itn
     }
     if (!wrong) return itn__write_file(path, &buffer, error);
     itn__buffer_free(&buffer);
-    return itn__fail(error, ITN_ERROR_ARGUMENT, 0, "saving a mesh: %.0f coordinates, uvs or "
-                     "indices are not finite or name no vertex", (double)wrong);
+    return ITN__INVALID("saving a mesh: %.0f coordinates, uvs or "
+                        "indices are not finite or name no vertex", (double)wrong);
 }
 #endif /* ITN_NO_STDIO */
 
@@ -11462,9 +11451,8 @@ ITN_API itn_result itn_scene_from_memory(const void *bytes, size_t size, const c
     itn_result result = itn__context_check(context, &own, error);
     if (result) return result;
     if (!bytes || !scene || file_count < 0 || (file_count && !files) || size > ITN__MOST_TEXT)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_scene_from_memory: NULL argument, or more than %d bytes",
-                         (int)ITN__MOST_TEXT);
+        return ITN__INVALID("itn_scene_from_memory: NULL argument, or more than %d bytes",
+                            (int)ITN__MOST_TEXT);
     itn__reader *r = ITN__NEW(itn__reader, &own, 1);
     if (!r) return itn__out_of_memory(error, "a scene file");
     r->text = itn__text_make(bytes, size, name ? name : "scene"), r->text.error = error;
