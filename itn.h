@@ -5907,6 +5907,7 @@ typedef struct itn__crowd {
     itn__queue exact, sky;
     itn__queue *walk, *surface;    /* per substance; per surface */
     float *radiance; /* [camera rays of a unit][planes] */
+    float film[2][ITN__LANES]; /* places on the film of some samples of the pixel at hand */
     float *scores;   /* of all paths and rays */
     double *lessons; /* [1 + medium_count][ITN__LESSON_SUMS], where V is learnt */
     double collisions;
@@ -6375,27 +6376,17 @@ ITN__INLINE void itn__read_planes(const itn__voxels *voxels, itn__ints word, itn
     *against = itn__to_floats(itn__word_ints(itn__int_words(plane) >> 24));
 }
 
-/* Puts the plane of the surface nearby in the place of another one, for the lanes in the mask whose
-   p is below it. */
-ITN__NOINLINE void itn__adopt_plane(const itn__voxels *voxels, itn__vectors p, itn__ints mask,
-                                    itn__vectors *up, itn__floats *level) {
-    itn__ints none = itn__splat_int(0);
-    itn__floats below, middle, against;
-    itn__vectors n, centre;
-    itn__ints at = itn__cells_at(voxels, p, &mask, &centre);
-    itn__ints word = itn__gather_ints(voxels->cells, at, mask, none);
-    itn__read_planes(voxels, word, at, mask, &n, &below, &middle, &against);
-    itn__floats np = itn__vdot(n, itn__valong(p, itn__splat(-1), centre));
-    mask &= ~itn__int_equal(word & 0xffffff, none) & itn__less(np, middle);
-    itn__floats inverse = 1 / itn__root(itn__vdot(n, n));
-    *up = itn__vselect(mask, itn__vscale(n, inverse), *up);
-    *level = itn__select(mask, (itn__vdot(n, centre) + middle) * inverse, *level);
-}
+/* A plane up . x = level, in each lane. */
+typedef struct itn__planes {
+    itn__vectors up;
+    itn__floats level;
+} itn__planes;
 
 /* Looks up the surroundings of p for the lanes in the mask. Above the plane of its region, but in
-   an empty cell, a lane takes the empty cube. */
+   an empty cell, a lane takes the empty cube. Below the middle of what the surface nearby spans,
+   that plane replaces another one. space or planes may be NULL. */
 ITN__NOINLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, itn__ints mask,
-                                    itn__free_space *space) {
+                                    itn__free_space *space, itn__planes *planes) {
     itn__ints inside = mask, none = itn__splat_int(0);
     itn__floats below, middle, against;
     itn__vectors n, centre;
@@ -6404,6 +6395,14 @@ ITN__NOINLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, i
     itn__read_planes(voxels, word, at, inside, &n, &below, &middle, &against);
     itn__floats np = itn__vdot(n, itn__valong(p, itn__splat(-1), centre));
     itn__ints region = ~itn__int_equal(word & 0xffffff, none);
+    if (planes) {
+        itn__ints under = mask & region & itn__less(np, middle);
+        itn__floats inverse = 1 / itn__root(itn__vdot(n, n));
+        planes->up = itn__vselect(under, itn__vscale(n, inverse), planes->up);
+        middle = (itn__vdot(n, centre) + middle) * inverse;
+        planes->level = itn__select(under, middle, planes->level);
+    }
+    if (!space) return;
     region &= itn__int_equal(distance, none) | itn__less(np, below);
     below = itn__select(region, below, itn__splat(INFINITY));
     itn__floats half = (itn__to_floats(distance - region) - .51f) * voxels->cell;
@@ -6729,10 +6728,10 @@ ITN__NOINLINE void itn__guide_lanes(const itn__crowd *crowd, const itn__substanc
     const itn__light *guide = &crowd->render->scene->guide;
     float n = medium->index;
     itn__floats zero = itn__splat(0), one = itn__splat(1), minus = itn__splat(-1);
-    itn__vectors up = s->up;
-    itn__floats level = s->level;
-    itn__adopt_plane(crowd->render->voxels, s->p, mask, &up, &level);
-    itn__floats depth = medium->sigma_t * (level - itn__vdot(up, s->p));
+    itn__planes near_by = {s->up, s->level};
+    itn__look_around(crowd->render->voxels, s->p, mask, NULL, &near_by);
+    itn__vectors up = near_by.up;
+    itn__floats depth = medium->sigma_t * (near_by.level - itn__vdot(up, s->p));
     itn__floats q = medium->guided * itn__vexp(-itn__most(depth, zero)), pdf = zero;
     s->relief = itn__select(mask, one, s->relief);
     mask &= itn__less(itn__splat(ITN__LEAST_GUIDED), q);
@@ -6860,9 +6859,10 @@ static itn__ints itn__fly(const itn__render *render, itn__lanes *walk, itn__ints
     itn__ints safe = mask & itn__free_flight(&walk->space, q, walk->s.d, &nq);
     itn__ints unsure = mask & ~safe;
     if (itn__mask_bits(unsure)) {
-        itn__look_around(render->voxels, walk->s.p, unsure, &walk->space);
+        itn__planes near_by = {walk->s.up, walk->s.level};
+        itn__look_around(render->voxels, walk->s.p, unsure, &walk->space, &near_by);
         if (render->controls || render->learning)
-            itn__adopt_plane(render->voxels, walk->s.p, unsure, &walk->s.up, &walk->s.level);
+            walk->s.up = near_by.up, walk->s.level = near_by.level;
         safe = mask & itn__free_flight(&walk->space, q, walk->s.d, &nq);
     }
     walk->s.p = itn__vselect(safe, q, walk->s.p);
@@ -6954,16 +6954,19 @@ ITN__NOINLINE void itn__run_exact(itn__crowd *crowd, int substance) {
     if (substance) itn__find_hits(crowd);
     for (int i = 0; i < crowd->exact.count; i++) {
         itn__path *path = &crowd->paths[crowd->exact.slots[i]];
-        float way = substance ? itn__way_out(scene, path->p, path->d) : INFINITY;
+        itn_vec3 end = itn__along(path->p, path->distance, path->d);
+        itn_vec3 above = itn__sub(end, scene->lower), below = itn__sub(scene->upper, end);
         if (!substance) itn__find_hit(scene, path);
         if (path->hit.triangle >= 0) {
             itn__meet(crowd, substance, path);
         } else if (!substance) {
             itn__enqueue(crowd, &crowd->sky, path);
-        } else if (path->distance <= way) {
-            path->p = itn__along(path->p, path->distance, path->d);
+        } else if (above.x >= 0 && above.y >= 0 && above.z >= 0 && below.x >= 0 && below.y >= 0 &&
+                   below.z >= 0) {
+            path->p = end;
             itn__enqueue(crowd, &crowd->walk[substance], path);
         } else {
+            float way = itn__way_out(scene, path->p, path->d);
             itn__pass(crowd, path, substance, way);
             path->p = itn__along(path->p, way, path->d);
             itn__leave_solids(scene, &path->place);
@@ -7165,13 +7168,16 @@ static void itn__start_ray(itn__crowd *crowd) {
     int sample = itn__unit_sample(render, &crowd->unit, number, &pixel);
     if (sample < 0) return;
     itn__path *path = itn__start_path(crowd, pixel, sample, 0), seen;
-    itn__words index = itn__splat_word(sample % render->set);
+    int lane = sample % render->set % ITN__LANES, begins = !lane || number % crowd->unit.count == 0;
+    itn__ints index = itn__lane_numbers() + itn__splat_int(sample % render->set - lane);
     itn__rng rng = {(uint32_t)path->key0, (uint32_t)path->key1, 0};
     float u[2];
-    for (int k = 0; k < 2; k++) {
-        itn__floats x = itn__sobol(index, k, itn__splat_word(path->scramble));
+    for (int k = 0; k < 2; k++) { /* a vector of samples at a time */
+        if (begins)
+            itn__store(crowd->film[k], itn__sobol(itn__int_words(index), k,
+                                                  itn__splat_word(path->scramble)));
         u[k] = itn__uniform(&rng);
-        if (render->options.sampler == ITN_SAMPLER_SOBOL) u[k] = ITN__LANE(x, 0);
+        if (render->options.sampler == ITN_SAMPLER_SOBOL) u[k] = crowd->film[k][lane];
     }
     itn_ray ray = itn__camera_ray(render->scene, (int)(pixel % (size_t)width),
                                   (int)(pixel / (size_t)width), u[0], u[1]);

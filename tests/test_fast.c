@@ -812,7 +812,7 @@ static void take_step(herd *f) {
     q = itn__valong(f->p, f->distance, f->d);
     safe = itn__free_flight(&f->space, q, f->d, &nq);
     f->cached += itn__count_bits(itn__mask_bits(safe));
-    itn__look_around(f->voxels, f->p, all & ~safe, &f->space);
+    itn__look_around(f->voxels, f->p, all & ~safe, &f->space, NULL);
     safe = itn__free_flight(&f->space, q, f->d, &nq);
     f->space.np = itn__select(safe, nq, f->space.np);
     bits = itn__mask_bits(safe);
