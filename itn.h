@@ -333,7 +333,8 @@ typedef struct itn_object_desc {
                             behind a hole the medium ends with the box of all solids */
 } itn_object_desc;
 
-/* Light from infinitely far: the same from everywhere, a picture of all directions, or a sky. */
+/* Light from infinitely far: the same from everywhere, a picture of all directions, or a sky.
+   Several add up. */
 typedef enum itn_light_type { ITN_LIGHT_CONSTANT = 0, ITN_LIGHT_MAP, ITN_LIGHT_SKY } itn_light_type;
 
 /* A Hosek-Wilkie sky for one sun elevation, turbidity and ground albedo (2012, equation 8, see
@@ -445,7 +446,7 @@ ITN_API double itn_scene_thickness(const itn_scene *scene, const float *theta, c
 /* What tissue optics says of a medium, per scene unit, and standard errors: absorption mu_a,
    scattering mu_s, and mu_s' = mu_s (1 - g). For a medium in a channel (0 with one) at theta (NULL:
    as made); errors follow to first order from the covariance [count][count] of parameters [count]
-   as itn_refine has them. Returns 0 if there is no such medium or channel, else 1. */
+   as itn_refine has them; others have none. Returns 0 if there is no such medium or channel. */
 typedef struct itn_tissue {
     double mu_a, mu_s, mu_s_prime, mu_a_error, mu_s_error, mu_s_prime_error;
 } itn_tissue;
@@ -483,7 +484,8 @@ ITN_API int itn_parameter_find(const itn_scene *scene, const char *name);
 ITN_API void itn_parameter_values(const itn_scene *scene, float *theta);
 /* The optimiser's coordinate of a value, its inverse (a value within the bounds), and d value /
    d coordinate at a value. All are finite: logits are cut to +-16, a logarithm is that of the lower
-   bound at least (where that is 0, of e^-80 times the upper one). */
+   bound at least (where that is 0, of e^-80 times the upper one): there a value does not come back
+   exactly. */
 ITN_API double itn_parameter_to_coordinate(const itn_parameter *parameter, double value);
 ITN_API double itn_parameter_from_coordinate(const itn_parameter *parameter, double coordinate);
 ITN_API double itn_parameter_slope(const itn_parameter *parameter, double value);
@@ -711,7 +713,7 @@ typedef struct itn_refine_step {
 typedef struct itn_refine_outcome {
     double misfit, misfit_error; /* the mean of (I - T)^2 over what noise of picture and renders
                       explains; the picture's, where not known, is what neighbouring pixels do not
-                      share, and both are then those of pictures slightly blurred */
+                      share, and both are then those of pictures slightly blurred; its error */
     int explained; /* 0: the misfit is clearly above 1 (1.2 and two errors): the scene is not that
                       of the picture, or the search ended in a wrong valley */
     int finished;  /* 0: iterations or time ran out, or the caller ended it */
@@ -2626,9 +2628,9 @@ typedef struct itn__light {
 #define ITN__MAX_RADIANCE 1e18f /* so that sums and products of a few stay finite */
 #define ITN__SUN_RADIUS 0.2679f /* degrees, as in Mitsuba; the mean over the year is .2666 */
 
-ITN__INLINE float itn__luminance(const float rgb[3]) {
-    return .2126f * rgb[0] + .7152f * rgb[1] + .0722f * rgb[2];
-}
+#define ITN__LUMINANCE(rgb) (.2126f * (rgb)[0] + .7152f * (rgb)[1] + .0722f * (rgb)[2])
+ITN__INLINE float itn__luminance(const float rgb[3]) { return ITN__LUMINANCE(rgb); }
+ITN__INLINE itn__floats itn__luminances(const itn__floats rgb[3]) { return ITN__LUMINANCE(rgb); }
 
 /* Directions, and where they are on a map: coordinates and the sine of the angle from its poles. */
 typedef struct itn__towards {
@@ -2772,7 +2774,7 @@ static void itn__sky_radiance(const itn__light *light, int channels, const itn__
                        itn__splat(2 * ITN__MAX_RADIANCE));
         rgb[k] = itn__select(itn__less_equal(zero, to->d.y), f, zero);
     }
-    if (channels == 1) rgb[0] = .2126f * rgb[0] + .7152f * rgb[1] + .0722f * rgb[2];
+    if (channels == 1) rgb[0] = itn__luminances(rgb);
 }
 
 /* Where directions are in the disc of a sun. A little around it counts, for rounded directions; who
@@ -3269,6 +3271,12 @@ static void itn__leave_faces(const itn_scene *scene, itn__place *place, const it
     if (sheets && !(through && flush))
         itn__begin_at(&place->sides, itn__face_triangle(scene, event->faces[0]), point, up);
     if (through) itn__settle(scene, place);
+}
+
+/* Whether p lies in the box of the scene's solids; a walk that has lost its solid does not. */
+ITN__INLINE int itn__within(const itn_scene *scene, itn_vec3 p) {
+    itn_vec3 a = scene->lower, b = scene->upper;
+    return p.x >= a.x && p.y >= a.y && p.z >= a.z && p.x <= b.x && p.y <= b.y && p.z <= b.z;
 }
 
 /* How far a ray goes until it has left the box of all solids. */
@@ -4697,13 +4705,6 @@ static itn_vec3 itn__node_direction(const itn__light *light, float bottom, size_
     return itn__vec3(sinf(phi) * sinf(theta), cosf(theta), -cosf(phi) * sinf(theta));
 }
 
-/* Numbers k ... k + ITN__LANES - 1 of a lattice of ITN__GUIDE_DRAWS points, coordinate c. */
-static itn__floats itn__lattice(int k, int c) {
-    static const float steps[3] = {.8191725f, .6710436f, .5497005f}; /* Roberts 2018, R3 */
-    itn__floats x = .5f + steps[c] * itn__to_floats(itn__lane_numbers() + itn__splat_int(k));
-    return x - itn__to_floats(itn__to_ints(x));
-}
-
 /* Makes the grid of a map or sky: its density is the luminance at the nodes times sine; power,
    strength and breadth are sums over them. Nodes are drawn by tables, in which the first and the
    last row have half a tent. A thousandth of the mean at least keeps every part of a sky, clamped
@@ -4821,8 +4822,17 @@ static void itn__share_lights(itn_scene *scene) {
     }
 }
 
-/* Makes the light to which paths are guided within dielectrics ([walk]): a map of what the sampled
-   lights have above their mean, each node that of draws around it. */
+#ifndef ITN_NO_FAST
+
+/* Numbers k ... k + ITN__LANES - 1 of a lattice of ITN__GUIDE_DRAWS points, coordinate c. */
+static itn__floats itn__lattice(int k, int c) {
+    static const float steps[3] = {.8191725f, .6710436f, .5497005f}; /* Roberts 2018, R3 */
+    itn__floats x = .5f + steps[c] * itn__to_floats(itn__lane_numbers() + itn__splat_int(k));
+    return x - itn__to_floats(itn__to_ints(x));
+}
+
+/* Makes the light to which paths are guided within dielectrics ([walk]), if there are some: a map
+   of what the sampled lights have above their mean, over that, each node by the draws around it. */
 enum { ITN__GUIDE_WIDTH = 64, ITN__GUIDE_HEIGHT = 33, ITN__GUIDE_DRAWS = 4096 };
 #define ITN__GUIDE_BLUR .04f /* 1 - cos of the angle within which draws count */
 static itn_result itn__make_guide(itn__maker *maker) {
@@ -4831,7 +4841,10 @@ static itn_result itn__make_guide(itn__maker *maker) {
     itn_scene *scene = maker->scene;
     itn__light *guide = &scene->guide;
     double power = 0;
-    if (scene->last_sampled < 0) return ITN_OK;
+    int used = 0; /* in media within dielectrics, by the fast walk */
+    for (int i = 0; i < scene->object_count; i++)
+        used |= scene->objects[i].refracts && scene->objects[i].medium >= 0;
+    if (scene->last_sampled < 0 || !used || scene->spectral || scene->leaky) return ITN_OK;
     guide->kind = ITN__LIGHT_MAP;
     guide->width = ITN__GUIDE_WIDTH, guide->height = ITN__GUIDE_HEIGHT;
     guide->map = ITN__KEEP(float, 3 * NODES + 4 * DRAWS);
@@ -4846,14 +4859,16 @@ static itn_result itn__make_guide(itn__maker *maker) {
         for (int i = 0; i <= scene->last_sampled; i++) {
             const itn__light *from = &scene->lights[i];
             itn__floats rgb[3];
+            if (!(from->share > 0)) continue;
             itn__light_models[from->kind].radiance(from, 3, &to, rgb);
-            rgb[0] = .2126f * rgb[0] + .7152f * rgb[1] + .0722f * rgb[2];
-            if (from->share > 0) sum += scene->parameters[from->parameter].value * rgb[0];
+            sum += scene->parameters[from->parameter].value * itn__luminances(rgb);
         }
         itn__store(light + k, itn__select(itn__less(itn__splat(0), pdf), sum / pdf, pdf));
         itn__store(d[0] + k, to.d.x), itn__store(d[1] + k, to.d.y), itn__store(d[2] + k, to.d.z);
     }
     for (int k = 0; k < DRAWS; k++) power += light[k] / (double)DRAWS;
+    if (!(power > 0) || !itn__finite(power)) return ITN_OK;
+    for (int k = 0; k < DRAWS; k++) light[k] = (float)(light[k] * (4 * (double)ITN__PI / power));
     for (int i = 0; i < NODES; i++) {
         itn__vectors node = itn__splat_vector(itn__node_direction(guide, 1, (size_t)i));
         itn__floats sum = itn__splat(0);
@@ -4865,13 +4880,14 @@ static itn_result itn__make_guide(itn__maker *maker) {
             x = itn__most(1 - x, itn__splat(0)), sum += itn__load(light + k) * x * x;
         }
         for (int k = 0; k < ITN__LANES; k++) all += ITN__LANE(sum, k);
-        all = all / (size * (float)DRAWS) - (float)(power / (4 * (double)ITN__PI));
+        all = all / (size * (float)DRAWS) - 1; /* the mean is 1 */
         for (int c = 0; c < 3; c++) guide->map[3 * i + c] = itn__max(all, 0);
     }
     if (itn__make_grid(maker, guide, 1)) return maker->result;
-    if (power > 0) scene->guided = itn__min(guide->power / (float)power, 1);
+    scene->guided = itn__min(guide->power / (4 * ITN__PI), 1);
     return ITN_OK;
 }
+#endif
 
 /* Parameters. A coordinate has no bounds, and steps in it are of a size that fits: the logarithm of
    a sigma_t, the logit log((x - lower) / (upper - x)) of what lies between two bounds. Derivatives
@@ -4919,7 +4935,7 @@ ITN_API double itn_parameter_from_coordinate(const itn_parameter *p, double coor
     return value < lower ? lower : value > p->upper ? p->upper : value;
 }
 
-/* ---- [objects] meshes, transformed and merged into one tree ---------------------------------- */
+/* ---- [objects] meshes, merged into one tree; a scene; what a render works on ----------------- */
 
 /* An object's mesh is checked: a medium or a dielectric surface needs a solid, unless it is forced.
    It is transformed in double; the middle of all solids becomes the origin, all meshes become one,
@@ -5251,7 +5267,10 @@ static ITN__COLD itn_result itn__create_scene(itn__maker *maker, const itn_conte
     if (!maker->result) maker->result = itn__bvh_build(scene->bvh, maker->error);
     for (int i = 0; i < scene->object_count && !maker->result; i++) itn__check_parts(maker, i);
     if (!maker->result) itn__share_lights(scene);
-    if (maker->result || itn__make_guide(maker)) return itn_scene_free(scene), maker->result;
+#ifndef ITN_NO_FAST
+    if (!maker->result) itn__make_guide(maker);
+#endif
+    if (maker->result) return itn_scene_free(scene), maker->result;
     itn__make_sides(scene);
     *made = scene;
     return ITN_OK;
@@ -5316,7 +5335,6 @@ typedef struct itn__render {
     int only_constant;   /* there is no other */
     itn__place camera;   /* where it is; */
     int outside;         /* not in a medium; */
-    int shadows;         /* some light is sampled */
     float shadow_cut;    /* c of [walk] */
     float roulette;      /* weights below this are raised to it by chance */
     int scales;          /* the scale of some light is asked for */
@@ -5344,9 +5362,10 @@ static void *itn__take(itn__render *render, size_t count, size_t size) {
         *render->block = block->next;
         itn__free(context, block);
     }
-    if (!room && !itn__add_block(context, render->block, count, size)) return NULL;
+    if (room) memset((char *)block + ITN__HEADER, 0, count * size);
+    else if (!itn__add_block(context, render->block, count, size)) return NULL;
     block = *render->block, render->block = &block->next;
-    return memset((char *)block + ITN__HEADER, 0, count * size);
+    return (char *)block + ITN__HEADER;
 }
 
 static int itn__pixel_samples(const itn__render *render, size_t pixel) {
@@ -6298,7 +6317,7 @@ ITN__NOINLINE void itn__control_direction(const itn__render *render,
 ITN__NOINLINE void itn__control_bounce(const itn__render *render, itn__state *s,
                                        const itn__site *site, const itn__floats u[3],
                                        itn__ints through, itn__ints good, itn__ints mask) {
-    const itn__value *value = &render->substances[render->controls].value;
+    const itn__value *value = &render->substances[1].value; /* of the only medium */
     itn__floats zero = itn__splat(0), one = itn__splat(1);
     itn__floats mean[3] = {zero, zero, zero}, taken[3] = {zero, zero, zero};
     itn__floats alpha = itn__splat(site->smooth ? 0 : site->theta[site->surface->alpha]);
@@ -6376,17 +6395,12 @@ ITN__INLINE void itn__read_planes(const itn__voxels *voxels, itn__ints word, itn
     *against = itn__to_floats(itn__word_ints(itn__int_words(plane) >> 24));
 }
 
-/* A plane up . x = level, in each lane. */
-typedef struct itn__planes {
-    itn__vectors up;
-    itn__floats level;
-} itn__planes;
-
 /* Looks up the surroundings of p for the lanes in the mask. Above the plane of its region, but in
    an empty cell, a lane takes the empty cube. Below the middle of what the surface nearby spans,
-   that plane replaces another one. space or planes may be NULL. */
+   that plane replaces up . x = level. space or up may be NULL. */
 ITN__NOINLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, itn__ints mask,
-                                    itn__free_space *space, itn__planes *planes) {
+                                    itn__free_space *space, itn__vectors *up,
+                                    itn__floats *level) {
     itn__ints inside = mask, none = itn__splat_int(0);
     itn__floats below, middle, against;
     itn__vectors n, centre;
@@ -6395,12 +6409,11 @@ ITN__NOINLINE void itn__look_around(const itn__voxels *voxels, itn__vectors p, i
     itn__read_planes(voxels, word, at, inside, &n, &below, &middle, &against);
     itn__floats np = itn__vdot(n, itn__valong(p, itn__splat(-1), centre));
     itn__ints region = ~itn__int_equal(word & 0xffffff, none);
-    if (planes) {
+    if (up) {
         itn__ints under = mask & region & itn__less(np, middle);
         itn__floats inverse = 1 / itn__root(itn__vdot(n, n));
-        planes->up = itn__vselect(under, itn__vscale(n, inverse), planes->up);
-        middle = (itn__vdot(n, centre) + middle) * inverse;
-        planes->level = itn__select(under, middle, planes->level);
+        *up = itn__vselect(under, itn__vscale(n, inverse), *up);
+        *level = itn__select(under, (itn__vdot(n, centre) + middle) * inverse, *level);
     }
     if (!space) return;
     region &= itn__int_equal(distance, none) | itn__less(np, below);
@@ -6728,10 +6741,10 @@ ITN__NOINLINE void itn__guide_lanes(const itn__crowd *crowd, const itn__substanc
     const itn__light *guide = &crowd->render->scene->guide;
     float n = medium->index;
     itn__floats zero = itn__splat(0), one = itn__splat(1), minus = itn__splat(-1);
-    itn__planes near_by = {s->up, s->level};
-    itn__look_around(crowd->render->voxels, s->p, mask, NULL, &near_by);
-    itn__vectors up = near_by.up;
-    itn__floats depth = medium->sigma_t * (near_by.level - itn__vdot(up, s->p));
+    itn__vectors up = s->up;
+    itn__floats level = s->level;
+    itn__look_around(crowd->render->voxels, s->p, mask, NULL, &up, &level);
+    itn__floats depth = medium->sigma_t * (level - itn__vdot(up, s->p));
     itn__floats q = medium->guided * itn__vexp(-itn__most(depth, zero)), pdf = zero;
     s->relief = itn__select(mask, one, s->relief);
     mask &= itn__less(itn__splat(ITN__LEAST_GUIDED), q);
@@ -6783,7 +6796,7 @@ static itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state *s, i
     }
     mask &= alive;
     if (medium->lit) itn__light_collisions(crowd, substance, s, mask, space);
-    else if (render->shadows) s->dimension += itn__splat_int(3) & mask;
+    else if (render->scene->last_sampled >= 0) s->dimension += itn__splat_int(3) & mask;
     itn__floats u = itn__draw(crowd, s, mask), v = itn__draw(crowd, s, mask);
     s->d = itn__vselect(mask, itn__sample_hg(d, itn__splat(medium->g), u, v, &x, &y), d);
     if (medium->guided > 0) itn__guide_lanes(crowd, medium, s, &d, mask, &x, &y);
@@ -6859,10 +6872,9 @@ static itn__ints itn__fly(const itn__render *render, itn__lanes *walk, itn__ints
     itn__ints safe = mask & itn__free_flight(&walk->space, q, walk->s.d, &nq);
     itn__ints unsure = mask & ~safe;
     if (itn__mask_bits(unsure)) {
-        itn__planes near_by = {walk->s.up, walk->s.level};
-        itn__look_around(render->voxels, walk->s.p, unsure, &walk->space, &near_by);
-        if (render->controls || render->learning)
-            walk->s.up = near_by.up, walk->s.level = near_by.level;
+        itn__look_around(render->voxels, walk->s.p, unsure, &walk->space,
+                         render->controls || render->learning ? &walk->s.up : NULL,
+                         &walk->s.level);
         safe = mask & itn__free_flight(&walk->space, q, walk->s.d, &nq);
     }
     walk->s.p = itn__vselect(safe, q, walk->s.p);
@@ -6955,14 +6967,12 @@ ITN__NOINLINE void itn__run_exact(itn__crowd *crowd, int substance) {
     for (int i = 0; i < crowd->exact.count; i++) {
         itn__path *path = &crowd->paths[crowd->exact.slots[i]];
         itn_vec3 end = itn__along(path->p, path->distance, path->d);
-        itn_vec3 above = itn__sub(end, scene->lower), below = itn__sub(scene->upper, end);
         if (!substance) itn__find_hit(scene, path);
         if (path->hit.triangle >= 0) {
             itn__meet(crowd, substance, path);
         } else if (!substance) {
             itn__enqueue(crowd, &crowd->sky, path);
-        } else if (above.x >= 0 && above.y >= 0 && above.z >= 0 && below.x >= 0 && below.y >= 0 &&
-                   below.z >= 0) {
+        } else if (itn__within(scene, end)) {
             path->p = end;
             itn__enqueue(crowd, &crowd->walk[substance], path);
         } else {
@@ -6999,13 +7009,11 @@ static void itn__shadows_of_surface(itn__crowd *crowd, itn__state *s, itn__site 
     unsigned bits = itn__cut_shadows(crowd, s, mask, f->value, pdf, &light);
     for (; bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
+        const itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
+        int within = ITN__LANE(through, k) ? path->event.after : path->place.refracting;
+        if (!itn__is_lit(render->scene, render->theta, within)) continue;
         itn__path *ray = itn__send_shadow(crowd, s, k, &light, INFINITY);
-        itn__leave_faces(render->scene, &ray->place, &ray->owner->event, ray->p,
-                         ITN__LANE(through, k));
-        if (!itn__is_lit(render->scene, render->theta, ray->place.refracting)) {
-            crowd->ray_count--;
-            continue;
-        }
+        itn__leave_faces(render->scene, &ray->place, &path->event, ray->p, ITN__LANE(through, k));
         int substance = itn__substance_of(render, &ray->place);
         float mean_free_path = render->substances[substance].mean_free_path;
         if (substance) ray->distance = ITN__LANE(light.depth, k) * mean_free_path;
@@ -7035,7 +7043,8 @@ static void itn__scatter_lanes(itn__crowd *crowd, int number, itn__state *s, itn
     if (textured) itn__site_texture(&site, x, y);
     f.count = 0;
     if (render->count) itn__site_seeds(&site, render->slots, &f);
-    if (render->shadows && !site.smooth) itn__shadows_of_surface(crowd, s, &site, &f, mask);
+    if (render->scene->last_sampled >= 0 && !site.smooth)
+        itn__shadows_of_surface(crowd, s, &site, &f, mask);
     for (k = 0; k < 3; k++) u[k] = itn__draw(crowd, s, mask);
     itn__ints good = mask & itn__bsdf_sample(&site, u, &s->d, &f, &s->pdf, &through);
     if (render->controls && surface->type == ITN_SURFACE_DIELECTRIC)
@@ -7171,13 +7180,13 @@ static void itn__start_ray(itn__crowd *crowd) {
     int lane = sample % render->set % ITN__LANES, begins = !lane || number % crowd->unit.count == 0;
     itn__ints index = itn__lane_numbers() + itn__splat_int(sample % render->set - lane);
     itn__rng rng = {(uint32_t)path->key0, (uint32_t)path->key1, 0};
+    int sobol = render->options.sampler == ITN_SAMPLER_SOBOL;
     float u[2];
     for (int k = 0; k < 2; k++) { /* a vector of samples at a time */
-        if (begins)
+        if (sobol && begins)
             itn__store(crowd->film[k], itn__sobol(itn__int_words(index), k,
                                                   itn__splat_word(path->scramble)));
-        u[k] = itn__uniform(&rng);
-        if (render->options.sampler == ITN_SAMPLER_SOBOL) u[k] = crowd->film[k][lane];
+        u[k] = sobol ? crowd->film[k][lane] : itn__uniform(&rng);
     }
     itn_ray ray = itn__camera_ray(render->scene, (int)(pixel % (size_t)width),
                                   (int)(pixel / (size_t)width), u[0], u[1]);
@@ -7252,14 +7261,13 @@ static int itn__fast_know(itn__render *render) {
     for (int i = 0; i < scene->light_count; i++) {
         const itn__light *light = &scene->lights[i];
         float scale = theta[light->parameter];
-        if (light->share > 0) render->shadows = 1;
         if (render->count && render->slots[light->parameter] >= 0) render->scales = 1;
         if (light->kind != ITN__LIGHT_CONSTANT) render->only_constant = 0;
         for (int c = 0; c < 3 && light->kind == ITN__LIGHT_CONSTANT; c++)
             render->constant[c] += scale * light->radiance[c];
         level += (double)scale * light->power;
     }
-    for (int i = 0; i < scene->object_count && render->shadows; i++) {
+    for (int i = 0; i < scene->object_count && scene->last_sampled >= 0; i++) {
         const itn__object *object = &scene->objects[i];
         itn__substance *at = &render->substances[1 + object->medium];
         at->lit |= !object->refracts || itn__is_lit(scene, theta, i);
@@ -7793,17 +7801,15 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
 
 /* The images of that name's surface and light; returns how many there are. */
 static int itn__find_texels(const itn_scene *scene, const char *item, itn__texels *texels) {
-    size_t length = strlen(item);
     const itn__surface *surface = scene->surfaces;
+    const itn__light *light = scene->lights;
     int named = itn__find_name(item, surface, sizeof *surface, scene->surface_count);
     if (named >= 0 && (surface += named)->texels) {
         texels->texture = surface, texels->width = surface->width;
         texels->count = surface->width * surface->height;
     }
-    for (int i = 0; i < scene->light_count && !texels->map; i++) {
-        const itn__light *light = &scene->lights[i];
-        const char *name = scene->parameters[light->parameter].name; /* item.scale */
-        if (!light->map || strncmp(name, item, length) || name[length] != '.') continue;
+    named = itn__find_name(item, light, sizeof *light, scene->light_count);
+    if (named >= 0 && (light += named)->map) {
         texels->map = light, texels->width = light->width;
         texels->count = light->width * light->height;
     }
@@ -8543,9 +8549,9 @@ static itn_result itn__net_call(itn_net *net, int batch, const float *in, const 
     if (!net || !in || !out)
         return ITN__INVALID("%s: a pointer is NULL", name);
     if (batch < 1 || batch > net->desc.batch || (backward && batch != net->forward_batch))
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "%s: batch is %d, this network was made for 1..%d, and the latest forward "
-                         "call left %d images", name, batch, net->desc.batch, net->forward_batch);
+        return ITN__INVALID("%s: batch is %d, this network was made for 1..%d, and the latest "
+                            "forward call left %d images", name, batch, net->desc.batch,
+                            net->forward_batch);
     size_t size = (size_t)net->desc.height * (size_t)net->desc.width * (size_t)net->desc.channels;
     if (backward) size = (size_t)net->desc.outputs;
     size_t count = (size_t)batch * size, bad = itn__first_beyond(in, count, FLT_MAX);
@@ -8582,9 +8588,8 @@ ITN_API itn_result itn_net_read(itn_net *net, const float *pixels, double mean, 
     itn_result result = ITN_OK;
     float *picture;
     if (!net || !pixels || !outputs || net->desc.channels != 2)
-        return itn__fail(error, ITN_ERROR_ARGUMENT, 0,
-                         "itn_net_read: a pointer is NULL, or the network sees %d channels, not 2",
-                         net ? net->desc.channels : 0);
+        return ITN__INVALID("itn_net_read: a pointer is NULL, or the network sees %d channels, "
+                            "not 2", net ? net->desc.channels : 0);
     int width = net->desc.width, height = net->desc.height;
     size_t plane = (size_t)width * (size_t)height, count = (size_t)net->desc.outputs;
     picture = (float *)itn__allocate(&net->context, 3 * plane + 2 * count, sizeof *picture);
@@ -9079,7 +9084,7 @@ static double itn__seconds(void) {
     return (double)clock() / CLOCKS_PER_SEC; /* on Windows those since the program began */
 }
 
-#define ITN__REJECT(...) itn__fail(error, ITN_ERROR_ARGUMENT, 0, "itn_refine: " __VA_ARGS__)
+#define ITN__REJECT(...) ITN__INVALID("itn_refine: " __VA_ARGS__)
 
 /* Tells the caller where the search is, in a render or, after all of them, at a step, and looks at
    the clock. Returns whether the search has ended. */
@@ -9375,9 +9380,8 @@ static ITN__COLD itn_result itn__refine_begin(itn__refiner *refiner, const itn_v
     size_t n = (size_t)refiner->count;
     double start[ITN__MOST_UNKNOWNS];
     const itn_context *context = &views->scene->context;
-    refiner->views = (itn__refine_view *)itn__allocate(context, (size_t)refiner->view_count,
-                                                       sizeof *refiner->views);
-    refiner->turn = (double *)itn__allocate(context, 5 * n * n, sizeof(double));
+    refiner->views = ITN__NEW(itn__refine_view, context, refiner->view_count);
+    refiner->turn = ITN__NEW(double, context, 5 * n * n);
     if (!refiner->views || !refiner->turn) return itn__out_of_memory(error, "itn_refine");
     refiner->matrix = refiner->turn + n * n, refiner->axes = refiner->matrix + n * n;
     refiner->noise = refiner->axes + n * n, refiner->covariance = refiner->noise + n * n;
@@ -9944,7 +9948,10 @@ static size_t itn__inflate_amount(itn__inflate *z, int symbol, int per_bit) {
 /* The Adler-32 sum of bytes behind others, of which it is `sum`; of none it is 1. */
 static uint32_t itn__adler32(uint32_t sum, const unsigned char *bytes, size_t size) {
     uint32_t a = sum & 0xffff, b = sum >> 16;
-    for (; size; size--) a = (a + *bytes++) % 65521, b = (b + a) % 65521;
+    for (; size; size--) {
+        a += *bytes++, a -= a < 65521 ? 0 : 65521;
+        b += a, b -= b < 65521 ? 0 : 65521;
+    }
     return b << 16 | a;
 }
 
@@ -10239,6 +10246,7 @@ static void itn__png_chunk(itn__text *text, itn__png *png) {
         if (fabsf(png->gamma - 2.2f) < 1e-4f) png->gamma = 0;
     } else if (type == ITN__PLTE || (type == ITN__TRNS && png->type == ITN__PNG_PALETTE)) {
         size_t step = type == ITN__PLTE ? 3 : 1; /* bytes of a colour, of its alpha */
+        if (step == 3 && size > 768) ITN__DAMAGED(&in, "more than 256 colours");
         for (size_t k = 0; k < size && k < 256 * step; k++)
             png->palette[k / step][step == 3 ? k % 3 : 3] = data[k];
         png->alpha |= type == ITN__TRNS;
@@ -10408,9 +10416,11 @@ static itn_result itn__photo_film(itn__photo *photo, int x, int y, itn_image *ma
         }
     told->masked += !counts;
     for (int c = 0; c < channels; c++) {
-        double mean = means[c], code = itn__encode(mean, gamma), step = 0;
-        if (codes && (photo->stated || codes < 256))
-            step = itn__decode(code + .5 / codes, gamma) - itn__decode(code - .5 / codes, gamma);
+        double mean = means[c], step = 0;
+        if (codes && (photo->stated || codes < 256)) {
+            double code = itn__encode(mean, gamma), half = .5 / codes;
+            step = itn__decode(code + half, gamma) - itn__decode(code - half, gamma);
+        }
         double variance = means[3 + c] + step * step / 12 + pow((double)d->read_noise, 2) +
                           (double)d->gain * fmax(mean, 0);
         variance = variance / (w / columns * h / rows) + (photo->stated ? 0 : step * step / 4);
@@ -10422,8 +10432,8 @@ static itn_result itn__photo_film(itn__photo *photo, int x, int y, itn_image *ma
 }
 
 ITN_API ITN__COLD itn_result itn_photo_make(const itn_image *image, const itn_photo_desc *desc,
-                                  itn_film_desc film, itn_image *photo, itn_photo_report *report,
-                                  itn_error *error) {
+                                            itn_film_desc film, itn_image *photo,
+                                            itn_photo_report *report, itn_error *error) {
     static const char *const names[2][6] = {
         {"Y", "Variance.Y"}, {"R", "G", "B", "Variance.R", "Variance.G", "Variance.B"}};
     itn__photo p = ITN_ZERO;
@@ -11516,8 +11526,8 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
    0.1    reference path tracer, derivatives, network, refinement, files
 
    [references] by chapter
-     math         T. Duff et al., Building an Orthonormal Basis, Revisited, JCGT 2017;
-                  J. Salmon et al., Parallel Random Numbers: As Easy as 1, 2, 3, SC 2011
+     base         J. Salmon et al., Parallel Random Numbers: As Easy as 1, 2, 3, SC 2011
+     lanes        T. Duff et al., Building an Orthonormal Basis, Revisited, JCGT 2017
      triangle     S. Woop, C. Benthin, I. Wald, Watertight Ray/Triangle Intersection, JCGT 2013
      bvh          J. MacDonald, K. Booth, Heuristics for Ray Tracing Using Space Subdivision, The
                   Visual Computer 1990;

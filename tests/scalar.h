@@ -147,7 +147,7 @@ static void scalar_scene_radiance(const itn_scene *scene, const itn__light *ligh
     if (scene->film.channels == 1 && light->kind == ITN__LIGHT_SKY) rgb[0] = itn__luminance(rgb);
 }
 
-/* Density with which itn__draw_light draws direction d. */
+/* Density with which itn__draw_lights draws direction d. */
 static float scalar_lights_pdf(const itn_scene *scene, itn_vec3 d) {
     float pdf = 0;
     int i;

@@ -120,4 +120,12 @@ STAGE_STATIC itn_image stage_patch(int channels, double u, double v, double brig
     }
     return image;
 }
+
+/* A render that is refused gives back what its scene keeps of renders' memory. */
+STAGE_STATIC void stage_give_back(const itn_scene *scene) {
+    const int none = -1;
+    itn_image image;
+    CHECK(itn_render(scene, NULL, NULL, &none, 1, &image, NULL) == ITN_ERROR_ARGUMENT);
+}
+
 #endif

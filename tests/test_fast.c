@@ -757,12 +757,6 @@ static void aim(herd *f) {
     }
 }
 
-/* Whether p lies in the box of the scene's solids; a walk that has lost its solid does not. */
-static int within(const itn_scene *scene, itn_vec3 p) {
-    itn_vec3 a = scene->lower, b = scene->upper;
-    return p.x >= a.x && p.y >= a.y && p.z >= a.z && p.x <= b.x && p.y <= b.y && p.z <= b.z;
-}
-
 /* A flight that was not proven free goes on or through, as the tree says. */
 static void fly(herd *f, int k) {
     itn_ray ray;
@@ -786,7 +780,7 @@ static void fly(herd *f, int k) {
             itn__leave_faces(f->scene, &f->places[k], &event, point, 1);
         }
     }
-    while (!(extinction(f, k) > 0) || !within(f->scene, itn__lane_vector(&f->p, k)))
+    while (!(extinction(f, k) > 0) || !itn__within(f->scene, itn__lane_vector(&f->p, k)))
         while (!enter(f, k)) {}
 }
 
@@ -812,7 +806,7 @@ static void take_step(herd *f) {
     q = itn__valong(f->p, f->distance, f->d);
     safe = itn__free_flight(&f->space, q, f->d, &nq);
     f->cached += itn__count_bits(itn__mask_bits(safe));
-    itn__look_around(f->voxels, f->p, all & ~safe, &f->space, NULL);
+    itn__look_around(f->voxels, f->p, all & ~safe, &f->space, NULL, NULL);
     safe = itn__free_flight(&f->space, q, f->d, &nq);
     f->space.np = itn__select(safe, nq, f->space.np);
     bits = itn__mask_bits(safe);
@@ -955,6 +949,11 @@ static void test_images(void) {
 
 /* ---- guided directions ----------------------------------------------------------------------- */
 
+static itn_vec3 any_direction(itn__rng *rng) {
+    float x = itn__uniform(rng) - .5f, y = itn__uniform(rng) - .5f, z = itn__uniform(rng) - .5f;
+    return itn__direction(itn__vec3(x, y, z));
+}
+
 /* With their weights, guided directions have the moments of the phase function: its integral, the
    mean cosine g, and what goes out of the plane steeply, which is also found by the phase function
    alone. planted: the density of the guide is twice what is drawn by. */
@@ -963,12 +962,12 @@ static void check_guide(int which, int planted) {
     itn_scene *scene = make_scene(which, NULL);
     itn_render_options options = ITN_ZERO;
     itn__rng rng = itn__rng_make(11, (uint64_t)which, 0);
-    double sums[3] = {0}, squares[3] = {0}, plain[2] = {0}, turned = 0, n = ROUNDS * ITN__LANES;
+    double sums[3] = {0}, squares[3] = {0}, expected[3] = {1, 0, 0}, turned = 0;
+    double n = ROUNDS * ITN__LANES;
     inside in;
     int round, k, c;
     options.spp = 4, options.walks = 1;
     open_render(&in, scene, &options);
-    whole_unit(&in);
     itn__substance *medium = &in.render.substances[1];
     CHECK(medium->guided > .05f && medium->index > 1 && !medium->lit);
     for (k = 0; planted && k < scene->guide.width * scene->guide.height; k++)
@@ -978,12 +977,7 @@ static void check_guide(int which, int planted) {
         itn__vectors old, up;
         itn__floats x, y, u, v, phase_only, cosine;
         for (k = 0; k < ITN__LANES; k++) { /* just below a plane through the middle, up any way */
-            itn_vec3 a = itn__direction(itn__vec3(itn__uniform(&rng) - .5f, itn__uniform(&rng) - .5f,
-                                                  itn__uniform(&rng) - .5f));
-            itn_vec3 b = itn__direction(itn__vec3(itn__uniform(&rng) - .5f, itn__uniform(&rng) - .5f,
-                                                  itn__uniform(&rng) - .5f));
-            ITN__LANE(up.x, k) = a.x, ITN__LANE(up.y, k) = a.y, ITN__LANE(up.z, k) = a.z;
-            ITN__LANE(old.x, k) = b.x, ITN__LANE(old.y, k) = b.y, ITN__LANE(old.z, k) = b.z;
+            set_lane(&up, k, any_direction(&rng)), set_lane(&old, k, any_direction(&rng));
             ITN__LANE(s.level, k) = itn__uniform(&rng) * medium->mean_free_path;
             ITN__LANE(u, k) = itn__uniform(&rng), ITN__LANE(v, k) = itn__uniform(&rng);
             ITN__LANE(s.key0, k) = (int32_t)itn__rng_bits(&rng);
@@ -1002,16 +996,38 @@ static void check_guide(int which, int planted) {
             for (c = 0; c < 3; c++) sums[c] += f[c] / n, squares[c] += f[c] * f[c] / n;
         }
     }
-    plain[0] = 1, plain[1] = medium->g;
+    expected[1] = medium->g;
     CHECK(turned > .02 * n);
     for (c = 0; c < 3; c++) {
-        double expected = c < 2 ? plain[c] : 0, sigma = sqrt((squares[c] - sums[c] * sums[c]) / n);
-        check_report(fabs(sums[c] - expected) <= 4 * sigma + 1e-5, __FILE__, __LINE__,
+        double sigma = sqrt((squares[c] - sums[c] * sums[c]) / n);
+        check_report(fabs(sums[c] - expected[c]) <= 4 * sigma + 1e-5, __FILE__, __LINE__,
                      "%s: moment %d is %.5f +- %.5f, not %.5f", kind_names[which], c, sums[c], sigma,
-                     expected);
+                     expected[c]);
     }
     close_render(&in);
     itn_scene_free(scene);
+}
+
+/* The guide is that of the light's shape: a light of any strength has the same. */
+static void test_guide_of_any_light(void) {
+    static const double strengths[3] = {1e-20, 1, 1e17};
+    double guided[3];
+    int k, i;
+    for (k = 0; k < 3; k++) {
+        itn_mesh ball = solids_sphere(1, 2);
+        itn_image map = stage_patch(3, .6, .3, 8);
+        itn_scene *scene = NULL;
+        itn_error error;
+        stage s;
+        for (i = 0; i < map.plane_count * map.width * map.height; i++)
+            map.pixels[i] = (float)(map.pixels[i] * strengths[k] / 8);
+        fill_stage(&s, SMOOTH, &ball, NULL, NULL, &map, NULL);
+        s.lights[0].scale = k == 2 ? 1e6f : 1;
+        stage_need(itn_scene_create(&s.desc, NULL, &scene, &error), &error);
+        guided[k] = scene->guided;
+        itn_scene_free(scene), itn_image_free(&map), itn_mesh_free(&ball);
+    }
+    CHECK(guided[1] > 0 && fabs(guided[0] - guided[1]) < 1e-4 && fabs(guided[2] - guided[1]) < 1e-4);
 }
 
 /* ---- stated errors --------------------------------------------------------------------------- */
@@ -1266,6 +1282,7 @@ int main(void) {
     test_variances();
     check_guide(SMOOTH, 0);
     CHECK_CATCHES(check_guide(SMOOTH, 1));
+    test_guide_of_any_light();
     test_edges();
     test_no_way_back(0);
     CHECK_CATCHES(test_no_way_back(1));

@@ -5,6 +5,7 @@
 #define ITN_IMPLEMENTATION
 #include "../itn.h"
 #include "check.h"
+#include "stage.h"
 #include <unistd.h>
 
 /* ---- helpers ---- */
@@ -1691,13 +1692,6 @@ static void check_loss_refused(const loss_case *c, const itn_scene *scene, const
     CHECK(loss == 1 && gradient[0] == 4 && gradient[1] == 5 && gradient[2] == 6);
 }
 
-/* A render that is refused gives back what the scene keeps for renders. */
-static void net_give_back(const itn_scene *scene) {
-    const int none = -1;
-    itn_image image;
-    CHECK(itn_render(scene, NULL, NULL, &none, 1, &image, NULL) == ITN_ERROR_ARGUMENT);
-}
-
 static void test_loss_errors(void) {
     test_memory memory;
     itn_context context = memory_context(&memory);
@@ -1726,13 +1720,13 @@ static void test_loss_errors(void) {
     CHECK(memory.live == 0);
     loss_case_make(&c, &context), c.predicted[1] = 0;
     CHECK(itn_scene_prepare(c.scene, NULL, &c.options, NULL) == ITN_OK);
-    net_give_back(c.scene);
+    stage_give_back(c.scene);
     live = memory.live; /* the scene keeps its tables */
     for (result = ITN_ERROR_MEMORY, k = 0; result != ITN_OK && k < 2000; k++) {
         memory.calls = 0, memory.fail_at = k;
         result = case_loss(&c, NULL, &loss, gradient);
         CHECK(result == ITN_OK || (result == ITN_ERROR_MEMORY && loss == 3 && gradient[2] == 6));
-        memory.fail_at = -1, net_give_back(c.scene);
+        memory.fail_at = -1, stage_give_back(c.scene);
         CHECK(memory.live == live);
     }
     CHECK(k > 8 && result == ITN_OK && loss == first);

@@ -1116,14 +1116,6 @@ static itn_result call_once(int which, const theatre *t, const itn_context *cont
     return result;
 }
 
-/* A render that fails gives back all that its scene keeps of renders' memory. */
-static void give_back(const itn_scene *scene) {
-    const int none = -1;
-    itn_image image;
-    itn_error error;
-    CHECK(itn_render(scene, NULL, NULL, &none, 1, &image, &error) == ITN_ERROR_ARGUMENT);
-}
-
 /* Fails the k-th allocation, or that and all after it, for every k until a call succeeds; beyond 200
    steps grow with k, as searches render often, and each render asks alike. */
 static void test_memory(int planted) {
@@ -1142,12 +1134,12 @@ static void test_memory(int planted) {
             b.fail_at = 0;
             stage_need(itn_scene_create(&t.s.desc, &context, &scene, &error), &error);
             stage_need(itn_scene_prepare(scene, NULL, NULL, &error), &error); /* keeps its tables */
-            give_back(scene), live = b.live;
+            stage_give_back(scene), live = b.live;
             for (k = 1; result != ITN_OK && k < 20000; k += k < 200 ? 1 : k / (9 + every)) {
                 b.calls = 0, b.fail_at = k, b.every = every;
                 result = call_once(which, &t, &context, scene, planted);
                 if (!CHECK(result == ITN_OK || result == ITN_ERROR_MEMORY)) break;
-                b.fail_at = 0, give_back(scene);
+                b.fail_at = 0, stage_give_back(scene);
                 if (!check_report(b.live == live, __FILE__, __LINE__,
                                   "call %d, allocation %d failing: %d blocks leaked", which, k,
                                   b.live - live))
