@@ -9228,6 +9228,10 @@ static itn_result itn__gauss_newton(itn__refiner *refiner, int spp, int most, it
         itn__misfit *known = &refiner->misfit, now;
         itn_result result = itn__refine_evaluate(refiner, spp, error);
         int back = refiner->ended == ITN__TOO_SLOW;
+        if (back && spp > 2) { /* the samples are too many, perhaps, not the scatterings */
+            spp = spp > 8 ? spp / 4 : 2, refiner->ended = ITN__GOING_ON;
+            continue;
+        }
         if (result || (refiner->ended && !back)) return result;
         if (!back) itn__misfit_of(refiner, 1, &now);
         if (!back && refiner->known > 0)
@@ -9253,6 +9257,11 @@ static itn_result itn__gauss_newton(itn__refiner *refiner, int spp, int most, it
         itn__refine_set(refiner, there);
     }
     return ITN_OK;
+}
+
+/* Whether a misfit is less than another by more than the noise of their renders explains. */
+static int itn__is_less(const itn__misfit *misfit, const itn__misfit *other) {
+    return other->value - misfit->value > 2 * hypot(other->error, misfit->error);
 }
 
 /* Searches in reduced pictures, if there is misfit left from other starts, too, along the valleys
@@ -9290,7 +9299,7 @@ static itn_result itn__refine_search(itn__refiner *refiner, itn_error *error) {
         refiner->final = refiner->most = (way > 0 ? 6 : 2) * spp;
         itn__focus(refiner, block), itn__refine_set(refiner, there);
         result = itn__gauss_newton(refiner, spp, 8, error);
-        here = way == 0 || least.value - now->value > 2 * hypot(least.error, now->error);
+        here = way == 0 || itn__is_less(now, &least);
         if (here) memcpy(best, refiner->coordinates, sizeof best), least = *now;
     }
     refiner->coarse = 0;
