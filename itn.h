@@ -1489,6 +1489,39 @@ ITN__INLINE itn__num itn__nselect(itn__ints mask, itn__num a, itn__num b) {
     return itn__num_of(itn__select(mask, a.v, b.v), itn__select(mask, a.d, b.d));
 }
 
+/* Vectors of such numbers. */
+typedef struct itn__nvectors {
+    itn__num x, y, z;
+} itn__nvectors;
+
+ITN__INLINE itn__nvectors itn__nvectors_of(itn__vectors v, itn__vectors d) {
+    itn__nvectors r;
+    r.x = itn__num_of(v.x, d.x), r.y = itn__num_of(v.y, d.y), r.z = itn__num_of(v.z, d.z);
+    return r;
+}
+ITN__INLINE itn__vectors itn__nvalues(const itn__nvectors *a) {
+    return itn__vectors_of(a->x.v, a->y.v, a->z.v);
+}
+ITN__INLINE itn__vectors itn__nslopes(const itn__nvectors *a) {
+    return itn__vectors_of(a->x.d, a->y.d, a->z.d);
+}
+ITN__INLINE itn__num itn__ndot(const itn__nvectors *a, const itn__nvectors *b) {
+    return itn__nadd(itn__nadd(itn__nmul(a->x, b->x), itn__nmul(a->y, b->y)),
+                     itn__nmul(a->z, b->z));
+}
+/* a + s b. */
+ITN__INLINE itn__nvectors itn__nalong(const itn__nvectors *a, itn__num s, const itn__nvectors *b) {
+    itn__nvectors r;
+    r.x = itn__nadd(a->x, itn__nmul(s, b->x)), r.y = itn__nadd(a->y, itn__nmul(s, b->y));
+    r.z = itn__nadd(a->z, itn__nmul(s, b->z));
+    return r;
+}
+/* a / |a|, where the quotient is known, n, and 1 / |a|, scale: what is across n turns it. */
+ITN__INLINE itn__nvectors itn__nunit(const itn__nvectors *a, itn__vectors n, itn__floats scale) {
+    itn__vectors d = itn__nslopes(a);
+    return itn__nvectors_of(n, itn__vscale(itn__valong(d, -itn__vdot(n, d), n), scale));
+}
+
 /* ---- [triangle] the watertight test of one ray and many triangles --------------------------- */
 
 /* Woop, Benthin and Wald, "Watertight ray/triangle intersection", JCGT 2(1), 2013. Corners A, B, C
@@ -2255,7 +2288,8 @@ static itn__vectors itn__sample_hg(itn__vectors direction, itn__floats g, itn__f
    cos theta_o / pi, so that f cos theta_o / pdf is the reflectance.
 
    Derivatives are detached: directions stay, f changes. With omega_i and omega_o fixed, the facet
-   that refracts one into the other turns with eta, so there m has a slope as well. */
+   that refracts one into the other turns with eta, so there m has a slope as well; where the frame
+   turns, local omega_i and omega_o have. */
 
 typedef struct itn__surface {
     char name[ITN_NAME_SIZE];
@@ -2311,42 +2345,41 @@ ITN__INLINE itn__num itn__fresnel(itn__num cos_i, itn__num eta, itn__num *cos_t)
 }
 
 /* Share of facets that direction w sees unshadowed (Smith). */
-ITN__INLINE itn__num itn__smith(itn__vectors w, itn__num alpha) {
-    itn__floats tan2 = (w.x * w.x + w.y * w.y) / (w.z * w.z), one = itn__splat(1);
-    itn__num root = itn__nroot(itn__naffine(itn__nsquare(alpha), tan2, one));
-    return itn__ndiv(itn__constant(2 * one), itn__naffine(root, one, one));
+ITN__INLINE itn__num itn__smith(const itn__nvectors *w, itn__num alpha) {
+    itn__num across = itn__nadd(itn__nsquare(w->x), itn__nsquare(w->y));
+    itn__num tan2 = itn__ndiv(across, itn__nsquare(w->z)), one = itn__constant(itn__splat(1));
+    itn__num root = itn__nroot(itn__nadd(itn__nmul(itn__nsquare(alpha), tan2), one));
+    return itn__ndiv(itn__constant(itn__splat(2)), itn__nadd(root, one));
 }
 
 /* f cos theta_o of a rough boundary; pdf receives the density with which o is drawn. 0 where no
    facet n takes i to o. Where eta is near 1, all facets refract to about -i, and rounded directions
    do not tell which it was: pass it as `drawn` (or NULL) where it is known. */
-static itn__num itn__rough(const itn__vectors *i, const itn__vectors *o,
+static itn__num itn__rough(const itn__nvectors *i, const itn__nvectors *o,
                            const itn__vectors *drawn, const itn__num *alpha, const itn__num *eta,
                            itn__floats *pdf) {
     itn__floats zero = itn__splat(0), one = itn__splat(1);
     itn__num unit = itn__constant(one), cos_t, alpha2 = itn__nsquare(*alpha);
-    itn__ints reflects = itn__less(zero, o->z);
-    itn__vectors h = itn__valong(*i, itn__select(reflects, one, eta->v), *o);
-    itn__floats length = itn__root(itn__vdot(h, h));
-    itn__ints good = itn__less(zero, length) & itn__less(zero, i->z);
-    itn__floats scale = itn__with_sign(1 / itn__select(good, length, one), h.z);
-    itn__vectors n = drawn ? *drawn : itn__vscale(h, scale);
-    /* dn/deta: the part of o across n, over the length of h */
-    itn__floats cosine = itn__vdot(n, *o), turn = itn__select(reflects, zero, scale) * eta->d;
-    itn__vectors dn = itn__vscale(itn__valong(*o, -cosine, n), turn);
-    itn__num cos_i = itn__num_of(itn__vdot(*i, n), itn__vdot(*i, dn));
-    itn__num cos_o = itn__num_of(cosine, itn__vdot(*o, dn));
-    good &= itn__less(zero, cos_i.v) & itn__less(zero, cosine * o->z);
-    itn__num across = itn__num_of(n.x * n.x + n.y * n.y, 2 * (n.x * dn.x + n.y * dn.y));
-    itn__num d = itn__nadd(itn__ndiv(across, alpha2), itn__num_of(n.z * n.z, 2 * n.z * dn.z));
+    itn__ints reflects = itn__less(zero, o->z.v);
+    itn__nvectors h = itn__nalong(i, itn__nselect(reflects, unit, *eta), o);
+    itn__vectors m = itn__nvalues(&h);
+    itn__floats length = itn__root(itn__vdot(m, m));
+    itn__ints good = itn__less(zero, length) & itn__less(zero, i->z.v);
+    itn__floats scale = itn__with_sign(1 / itn__select(good, length, one), h.z.v);
+    itn__nvectors n = itn__nunit(&h, drawn ? *drawn : itn__vscale(m, scale), scale);
+    itn__num cos_i = itn__ndot(i, &n), cos_o = itn__ndot(o, &n);
+    good &= itn__less(zero, cos_i.v) & itn__less(zero, cos_o.v * o->z.v);
+    itn__num across = itn__nadd(itn__nsquare(n.x), itn__nsquare(n.y));
+    itn__num d = itn__nadd(itn__ndiv(across, alpha2), itn__nsquare(n.z));
     d = itn__ndiv(itn__constant(one / ITN__PI), itn__nmul(alpha2, itn__nsquare(d)));
     itn__num fresnel = itn__fresnel(cos_i, *eta, &cos_t);
     itn__num sent = itn__ndiv(*eta, itn__nadd(cos_i, itn__nmul(*eta, cos_o)));
     sent = itn__nmul(itn__nsquare(sent), itn__nsub(unit, fresnel));
     sent = itn__nmul(sent, itn__nmul(itn__nscale(cos_i, -one), cos_o)); /* cos_o < 0 */
     sent = itn__nselect(reflects, itn__nscale(fresnel, .25f * one), sent);
-    itn__num f = itn__nmul(itn__nmul(d, itn__smith(*i, *alpha)), itn__nscale(sent, 1 / i->z));
-    *pdf = f.v, f = itn__nmul(f, itn__smith(*o, *alpha));
+    sent = itn__nmul(sent, itn__ndiv(unit, i->z));
+    itn__num f = itn__nmul(itn__nmul(d, itn__smith(i, *alpha)), sent);
+    *pdf = f.v, f = itn__nmul(f, itn__smith(o, *alpha));
     good &= itn__less(zero, f.v);
     *pdf = itn__select(good, *pdf, zero);
     return itn__nselect(good, f, itn__constant(zero));
@@ -2380,19 +2413,21 @@ static itn__ints itn__sample_dielectric(const itn__vectors *i, const itn__vector
     return itn__less(zero, cosine) & itn__less(zero, itn__select(reflects, o->z, -o->z));
 }
 
-/* Derivatives by eta have a part that fixed directions miss: the facets' hemisphere ends at
-   m_z = 0, where D is not 0, and as eta grows facets cross that edge. What crosses it per eta is
-   f_t d omega_o = h(m) dm at the edge times the speed dm_z/deta; m is drawn with density 1/pi. */
-static itn__num itn__dielectric_edge(const itn__site *site, const itn__vectors *o,
-                                     itn__floats *pdf) {
+/* Derivatives by eta, or by what turns the frame, have a part that fixed directions miss: the
+   facets' hemisphere ends at m_z = 0, where D is not 0, and as eta grows facets cross that edge.
+   What crosses it is f_t d omega_o = h(m) dm at the edge times the slope of m_z; m is drawn with
+   density 1/pi. */
+static itn__num itn__dielectric_edge(const itn__site *site, const itn__nvectors *i,
+                                     const itn__nvectors *o, itn__floats *pdf) {
     itn__num alpha = itn__constant(itn__splat(site->theta[site->surface->alpha])), cos_t;
     itn__floats zero = itn__splat(0), eta = site->eta.v, cosine = itn__vdot(site->i, site->facet);
     itn__floats sent = 1 - itn__fresnel(itn__constant(cosine), itn__constant(eta), &cos_t).v;
-    itn__floats speed = o->z / (cosine - eta * cos_t.v); /* of m_z, m = i + eta o, normalized */
-    itn__floats h = sent * alpha.v * alpha.v / ITN__PI * cosine / site->i.z;
-    h = h * itn__smith(site->i, alpha).v * itn__smith(*o, alpha).v;
+    itn__num upright = itn__nadd(i->z, itn__nmul(site->eta, o->z)); /* m = i + eta o, normalized */
+    itn__floats speed = upright.d / (cosine - eta * cos_t.v);
+    itn__floats h = sent * alpha.v * alpha.v / ITN__PI * cosine / i->z.v;
+    h = h * itn__smith(i, alpha).v * itn__smith(o, alpha).v;
     *pdf = itn__splat(1 / ITN__PI);
-    return itn__num_of(zero, itn__select(itn__less(zero, sent), h * speed * site->eta.d, zero));
+    return itn__num_of(zero, itn__select(itn__less(zero, sent), h * speed, zero));
 }
 static itn__vectors itn__sample_edge(itn__vectors i, itn__floats u) {
     itn__floats sine, cosine, scale = 1 / itn__root(i.x * i.x + i.y * i.y);
@@ -2401,16 +2436,16 @@ static itn__vectors itn__sample_edge(itn__vectors i, itn__floats u) {
                            (i.y * cosine + i.x * sine) * scale, itn__splat(0));
 }
 
-static void itn__dielectric_eval(const itn__site *site, const itn__vectors *o, itn__num f[3],
-                                 itn__floats *pdf) {
+static void itn__dielectric_eval(const itn__site *site, const itn__nvectors *i,
+                                 const itn__nvectors *o, itn__num f[3], itn__floats *pdf) {
     if (site->smooth) {
         *pdf = itn__splat(site->drawn ? INFINITY : 0);
         f[0] = itn__constant(itn__splat(site->drawn));
     } else if (site->edge) {
-        f[0] = itn__dielectric_edge(site, o, pdf);
+        f[0] = itn__dielectric_edge(site, i, o, pdf);
     } else {
         itn__num alpha = itn__site_value(site, site->surface->alpha);
-        f[0] = itn__rough(&site->i, o, site->drawn ? &site->facet : NULL, &alpha, &site->eta, pdf);
+        f[0] = itn__rough(i, o, site->drawn ? &site->facet : NULL, &alpha, &site->eta, pdf);
     }
     f[1] = f[2] = f[0];
 }
@@ -2422,16 +2457,18 @@ static itn__ints itn__dielectric_sample(itn__site *site, const itn__floats u[3],
                                   site->edge ? itn__splat(1) : u[2], o);
 }
 
-static void itn__diffuse_eval(const itn__site *site, const itn__vectors *o, itn__num f[3],
-                              itn__floats *pdf) {
+static void itn__diffuse_eval(const itn__site *site, const itn__nvectors *i,
+                              const itn__nvectors *o, itn__num f[3], itn__floats *pdf) {
     const itn__surface *s = site->surface;
-    itn__floats touched = itn__splat(site->seed == ITN__TEXEL);
-    *pdf = itn__most(o->z, itn__splat(0)) / ITN__PI;
+    itn__floats touched = itn__splat(site->seed == ITN__TEXEL), zero = itn__splat(0);
+    itn__num up = itn__ndiv(o->z, itn__constant(itn__splat(ITN__PI)));
+    (void)i;
+    up = itn__nselect(itn__less(zero, up.v), up, itn__constant(zero)), *pdf = up.v;
     for (int c = 0; c < site->channels; c++) {
         f[c] = itn__site_value(site, s->reflectance + c);
         if (s->texture == ITN_TEXTURE_CHECKER)
             f[c] = itn__nselect(site->second, itn__site_value(site, s->reflectance2 + c), f[c]);
-        f[c] = itn__nscale(itn__nmul(f[c], itn__num_of(site->texel[c], touched)), *pdf);
+        f[c] = itn__nmul(itn__nmul(f[c], itn__num_of(site->texel[c], touched)), up);
     }
 }
 static itn__ints itn__diffuse_sample(itn__site *site, const itn__floats u[3], itn__vectors *o) {
@@ -2447,9 +2484,10 @@ static itn__ints itn__diffuse_sample(itn__site *site, const itn__floats u[3], it
       they can be differentiated, into itn__surface: an int of the same name, the index of the
       parameter. [api-scene] tells of each, with the desc, in the grammar of scene files and in the
       list of parameters.
-   2. Write eval: for local directions o, f cos theta_o in each of site->channels, with slopes by
-      site->seed, and the density with which sample draws o; both 0 where light does not go, as
-      below the horizon of what is opaque. itn__site_value gives a parameter's value with the slope,
+   2. Write eval: for local directions i and o, which turn with the frame by slopes of their own,
+      f cos theta_o in each of site->channels, with slopes by site->seed, and the density with which
+      sample draws o, whose i is site->i; both 0 where light does not go, as below the horizon of
+      what is opaque. itn__site_value gives a parameter's value with the slope,
       itn__diffuse_eval reflectance, its texture and derivatives by texels included, times
       cos theta_o / pi: what is proportional to that multiplies its f. All lanes are computed, also
       those that are not in use. Nothing checks that no more light leaves than came.
@@ -2477,7 +2515,8 @@ enum {
 typedef struct itn__bsdf {
     itn__field fields[ITN__MOST_FIELDS + 1]; /* the last has no name */
     unsigned flags;
-    void (*eval)(const itn__site *site, const itn__vectors *o, itn__num f[3], itn__floats *pdf);
+    void (*eval)(const itn__site *site, const itn__nvectors *i, const itn__nvectors *o,
+                 itn__num f[3], itn__floats *pdf);
     itn__ints (*sample)(itn__site *site, const itn__floats u[3], itn__vectors *o);
 } itn__bsdf;
 static const itn__bsdf itn__bsdfs[] = {
@@ -2537,13 +2576,15 @@ static void itn__site_factor(itn__site *site, const itn__vectors *o, itn__factor
                              itn__floats *pdf) {
     itn__num value[3];
     itn__floats zero = itn__splat(0), scale = itn__splat(1), inverse = scale;
+    itn__vectors still = itn__vectors_of(zero, zero, zero);
+    itn__nvectors from = itn__nvectors_of(site->i, still), to = itn__nvectors_of(*o, still);
     int k = f->count ? 0 : -1;
     if (site->before >= 0) inverse = itn__splat(1 / site->theta[site->before]);
     do {
         site->seed = k < 0 ? -1 : f->seeds[k], site->eta.d = zero;
         if (k >= 0 && site->seed == site->after) site->eta.d = inverse;
         if (k >= 0 && site->seed == site->before) site->eta.d = -site->eta.v * inverse;
-        itn__bsdfs[site->surface->type].eval(site, o, value, pdf);
+        itn__bsdfs[site->surface->type].eval(site, &from, &to, value, pdf);
         if (site->drawn && !site->smooth)
             scale = 1 / itn__select(itn__less(zero, *pdf), *pdf, itn__splat(1));
         for (int c = 0; c < site->channels; c++) {
@@ -6331,7 +6372,8 @@ ITN__NOINLINE void itn__control_bounce(const itn__render *render, itn__state *s,
             itn__ints goes = itn__sample_dielectric(&site->i, &m, site->eta.v, itn__splat(way), &o);
             itn__ints outside = ~(itn__less(zero, o.z) ^ itn__less(one, site->eta.v));
             itn__floats share = way ? 1 - fresnel : fresnel;
-            itn__floats lit = itn__smith(o, itn__constant(alpha)).v;
+            itn__nvectors to = itn__nvectors_of(o, o); /* its slopes are not used */
+            itn__floats lit = itn__smith(&to, itn__constant(alpha)).v;
             for (int c = 0; c < render->channels; c++) {
                 itn__floats brings = itn__select(outside, itn__splat(render->constant[c]),
                                          itn__power_sum(value->entering[c], itn__absolute(o.z)));
