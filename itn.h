@@ -295,8 +295,13 @@ typedef struct itn_medium_desc {
     float sigma_t_rgb[3], g_rgb[3];
 } itn_medium_desc;
 
-/* Dielectric: reflects and refracts (Fresnel; GGX where it is rough). Diffuse: opaque, Lambert. */
-typedef enum itn_surface_type { ITN_SURFACE_DIELECTRIC = 0, ITN_SURFACE_DIFFUSE } itn_surface_type;
+/* Dielectric: reflects and refracts (Fresnel; GGX where it is rough). Diffuse: opaque, Lambert.
+   Blend: the sum of others, each times its weight; patches finer than what is seen. */
+typedef enum itn_surface_type {
+    ITN_SURFACE_DIELECTRIC = 0,
+    ITN_SURFACE_DIFFUSE,
+    ITN_SURFACE_BLEND
+} itn_surface_type;
 typedef enum itn_texture_type {
     ITN_TEXTURE_NONE = 0,
     ITN_TEXTURE_CHECKER, /* squares of reflectance, from coordinates (0, 0) on, and reflectance2 */
@@ -313,6 +318,10 @@ typedef struct itn_surface_desc {
     float checker_size;     /* side of a square, in units of the texture coordinates; 0 = 1 */
     const itn_image *image; /* texture: planes as of a map light, values in [0,1], two rows or more;
                                its pixels lie in the middle of equal squares; copied */
+    const char *const *parts; /* blend: names of 1 to 4096 surfaces, no blends. One may be a
+                                 dielectric: others coat it, or else nothing goes through */
+    const float *weights;     /* of these, in [0,1]; their sum is at most 1, the rest is lost */
+    int part_count;
 } itn_surface_desc;
 
 /* A mesh with what is inside it and what its surface does. Where closed objects overlap, the medium
@@ -400,6 +409,7 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
        surface NAME  type dielectric  [ior N] [alpha A]                 (1.5; 0, which is smooth)
        surface NAME  type diffuse  reflectance COLOUR | reflectance [COLOUR] texture FILE
                                    | reflectance checker COLOUR COLOUR SIZE
+       surface NAME  type blend  surfaces NAME...  weights W...
        object  mesh FILE  [medium NAME] [surface NAME] [TRANSFORM...] [force]
        object  plane  surface NAME  [y Y] [half H]                                (y 0; half 20)
        light   constant  radiance COLOUR  [scale S] [name NAME]
@@ -459,14 +469,15 @@ ITN_API int itn_scene_tissue(const itn_scene *scene, const float *theta, const c
        media      sigma_t, albedo, g
        surfaces   diffuse: reflectance, and of a checker reflectance2
                   dielectric: ior and, if it is rough, alpha
+                  blend: weight1, weight2, ... whose sum is then not checked
        lights     scale and, of a sky, sun_scale
        film       exposure and, if it has one, background
    for example milk.sigma_t, glass.alpha, light.scale. With three channels albedo, reflectances and
    background are three each (milk.albedo_r, milk.albedo_g, milk.albedo_b), and so are sigma_t, g
    and exposure that were given as _rgb. film.exposure scales all lights and the background at once:
    of a photo in units of its own seek it, but then not the scale of the only light.
-   Optimisers step in a coordinate: ln((x-lower)/(upper-x)) of albedo, g, ior and reflectances, ln x
-   of all others. */
+   Optimisers step in a coordinate: ln((x-lower)/(upper-x)) of albedo, g, ior, reflectances and
+   weights, ln x of all others. */
 typedef enum itn_transform { ITN_LOG = 0, ITN_LOGIT } itn_transform;
 
 typedef struct itn_parameter {
@@ -2151,10 +2162,11 @@ ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray) {
    them: f as floats, i as an int, c as a colour (one number counts for all channels), s as a
    spectrum (one number, or three in an array beside it); k a checker, t a step of a transform. With
    ? an int beside it tells whether a 0 is meant, else (?, or 0 out of range) `otherwise` counts.
-   Or what word follows: w a name, o one of `words`, m p y a file with a mesh, a picture, a sky. A
-   field without any of these is a flag, an int. What has ! must be given in a file. What a
-   parameter is: S a share of what arrives that leaves again, R a rate of collisions, N an index of
-   refraction, L the scale of a light. */
+   Or what word follows: w a name, o one of `words`, m p y a file with a mesh, a picture, a sky; or
+   any number of names, n, or of numbers, l, where the desc has a pointer. A field without any of
+   these is a flag, an int. What has ! must be given in a file. What a parameter is: S a share of
+   what arrives that leaves again, R a rate of collisions, N an index of refraction, L the scale of
+   a light. */
 typedef struct itn__field {
     const char *name, *form;
     float lower, upper; /* range of its numbers */
@@ -2175,7 +2187,7 @@ static const char *const itn__kinds[] = {"film", "camera", "medium", "object", "
                                          "film camera medium object surface light"}; /* all */
 /* Types that differ in fields: the words for them, in their order. */
 static const char *const itn__types[ITN__KINDS] = {
-    NULL, NULL, NULL, "mesh plane", "dielectric diffuse", "constant map sky"};
+    NULL, NULL, NULL, "mesh plane", "dielectric diffuse blend", "constant map sky"};
 
 /* Rows; `...` is lower, upper, otherwise. */
 #define ITN__FIELD(name, item, field, form, ...)                                                   \
@@ -2287,6 +2299,9 @@ static itn__vectors itn__sample_hg(itn__vectors direction, itn__floats g, itn__f
    A diffuse surface has f = reflectance / pi on either side; omega_o is drawn with density
    cos theta_o / pi, so that f cos theta_o / pdf is the reflectance.
 
+   A blend has f = sum of w_k f_k. Each path that meets it draws one part k, with a chance q_k in
+   proportion to w_k, and for it f is w_k f_k / q_k.
+
    Derivatives are detached: directions stay, f changes. With omega_i and omega_o fixed, the facet
    that refracts one into the other turns with eta, so there m has a slope as well; where the frame
    turns, local omega_i and omega_o have. */
@@ -2301,6 +2316,8 @@ typedef struct itn__surface {
     float checker_size;
     int width, height;
     float *texels; /* [height][width][3] */
+    int part_count; /* of a blend, whose weights are its parameters; else 0 */
+    const struct itn__surface **parts;
 } itn__surface;
 
 enum { ITN__TEXEL = -2 }; /* as a seed: what an image texture is there */
@@ -2525,7 +2542,10 @@ static const itn__bsdf itn__bsdfs[] = {
       ITN__VALUE(surface, alpha, "1f", ITN_LOG, .001f, 1, 0)},
      ITN__FACETS | ITN__EDGE, itn__dielectric_eval, itn__dielectric_sample},
     {{ITN__REFLECTANCE, ITN__MARK("type", "o!", "diffuse")},
-     ITN__OPAQUE | ITN__TEXTURED, itn__diffuse_eval, itn__diffuse_sample}};
+     ITN__OPAQUE | ITN__TEXTURED, itn__diffuse_eval, itn__diffuse_sample},
+    {{ITN__MARK("type", "o!", "blend"), ITN__WORD("surfaces", surface, parts, "n!"),
+      ITN__WORD("weights", surface, weights, "l!")},
+     0, NULL, NULL}}; /* of a blend its parts are met */
 
 /* A local factor of paths in each channel, and its slopes by those of its parameters that are asked
    for, the seeds; slots[k] is the place of seed k among all that are asked for. */
@@ -3262,9 +3282,15 @@ static void itn__gather_faces(const itn_scene *scene, const itn__place *place, i
 }
 
 static int itn__is_opaque(const itn_scene *scene, int object) {
-    int surface = scene->objects[object].surface;
-    return surface >= 0 &&
-           (itn__bsdfs[scene->surfaces[surface].type].flags & ITN__OPAQUE) != 0;
+    return scene->objects[object].surface >= 0 && !scene->objects[object].refracts;
+}
+
+/* Whether the index behind an event counts as equal to that before it. */
+static int itn__is_matched(const itn_scene *scene, const float *theta, const itn__place *place,
+                           const itn__event *event) {
+    float before = itn__ior(scene, theta, place->refracting);
+    return event->after == place->refracting ||
+           !(fabsf(itn__ior(scene, theta, event->after) - before) > ITN__SAME_INDEX * before);
 }
 
 /* What the hit of a ray is to a walk. Of boundaries in one point the surface is that of the last
@@ -3274,7 +3300,6 @@ static itn__event itn__meet_faces(const itn_scene *scene, const float *theta,
                                   const itn__place *place, const itn_ray *ray,
                                   const itn_hit *hit) {
     int object = scene->bvh->triangles[hit->triangle].object;
-    float before_ior = itn__ior(scene, theta, place->refracting);
     itn__sides sides = place->sides;
     itn__event event;
     event.object = itn__is_opaque(scene, object) ? object : -1, event.after = place->refracting;
@@ -3291,9 +3316,9 @@ static itn__event itn__meet_faces(const itn_scene *scene, const float *theta,
         if (object > event.object) event.object = object;
     }
     event.after = itn__innermost(scene, &sides, 1);
-    if (event.after == place->refracting ||
-        !(fabsf(itn__ior(scene, theta, event.after) - before_ior) > ITN__SAME_INDEX * before_ior))
-        event.object = -1;
+    if (itn__is_matched(scene, theta, place, &event) &&
+        !scene->surfaces[scene->objects[event.object].surface].part_count)
+        event.object = -1; /* of a blend there are parts that are felt */
     return event;
 }
 
@@ -3461,12 +3486,40 @@ static float itn__weigh_choice(itn__walk *walk, const int parameter[3], const it
     return density;
 }
 
+/* A part of the blend at an event, drawn with a chance in proportion to its weight, and not too
+   small where the derivative by that is asked for; NULL where no light is left. The factor receives
+   weight over chance. A part that refracts into the same index is not felt, and ends the event;
+   as shadow rays have ended at the blend, what is behind counts as met by chance alone. */
+static const itn__surface *itn__choose_part(const itn_scene *scene, const float *theta,
+                                            const int *slots, const itn__place *place,
+                                            itn__rng *rng, itn__event *event, itn__factor *f) {
+    const itn__surface *blend = &scene->surfaces[scene->objects[event->object].surface];
+    float u = 0, total = 0, chance = 1;
+    int at = -1;
+    for (int k = 0; k < 2 * blend->part_count; k++) { /* the sum, then who it is */
+        int parameter = blend->first + k % blend->part_count;
+        float own = itn__max(theta[parameter], slots[parameter] >= 0 ? .1f : 0);
+        if (k == blend->part_count) u = itn__uniform(rng) * total;
+        if (k < blend->part_count) total += own;
+        else if (own > 0 && u >= 0) at = parameter, chance = own, u -= own;
+    }
+    if (at < 0) return NULL;
+    const itn__surface *part = blend->parts[at - blend->first];
+    f->count = 0, itn__add_seed(f, at, slots[at]);
+    for (int c = 0; c < 3; c++) {
+        f->slope[0][c] = itn__splat(total / chance);
+        f->value[c] = itn__splat(theta[at] * (total / chance));
+    }
+    if (part->ior >= 0 && itn__is_matched(scene, theta, place, event)) event->object = -1;
+    return part;
+}
+
 /* Where a hit is on a surface's texture: on an image the column and the row, whole numbers in the
    middles of texels; on a checker, x != 0 says the second colour. (s, t) are those of the mesh,
    else the scene's x and z; (0, 0) is the lower left corner of an image, (1, 1) the upper right. */
 static void itn__texture_place(const itn_scene *scene, const itn__object *object,
-                               const itn_hit *hit, itn_vec3 point, float *x, float *y) {
-    const itn__surface *surface = &scene->surfaces[object->surface];
+                               const itn__surface *surface, const itn_hit *hit, itn_vec3 point,
+                               float *x, float *y) {
     float size = surface->checker_size, w = 1 - hit->u - hit->v;
     float s = (float)(point.x + scene->origin[0]), t = (float)(point.z + scene->origin[2]);
     if (object->uvs) {
@@ -3749,13 +3802,26 @@ static void itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ra
     walk->pdf = itn__weigh_choice(walk, medium->g, p, pdf);
 }
 
+/* The surface that a path meets at an event, of a blend a part; NULL where no light is left. */
+static const itn__surface *itn__part_met(itn__walk *walk, itn__event *event) {
+    const itn_scene *scene = walk->scene;
+    const itn__surface *surface = &scene->surfaces[scene->objects[event->object].surface];
+    itn__factor f;
+    if (!surface->part_count) return surface;
+    surface = itn__choose_part(scene, walk->theta, walk->slots, &walk->place, &walk->rng, event,
+                               &f);
+    for (int c = 0; c < itn__channels(walk) && surface; c++)
+        itn__weigh(walk, &walk->weight, &f, c, 1);
+    if (event->object < 0) walk->pdf = INFINITY;
+    return surface;
+}
+
 /* The site of a path on a surface with normal n, and what its slopes are by. */
 static void itn__site_begin(itn__walk *walk, const itn_ray *ray, const itn_hit *hit,
-                            const itn__event *event, itn_vec3 n, itn__site *site,
-                            itn__factor *f) {
+                            const itn__event *event, const itn__surface *surface, itn_vec3 n,
+                            itn__site *site, itn__factor *f) {
     const itn_scene *scene = walk->scene;
     const itn__object *object = &scene->objects[event->object];
-    const itn__surface *surface = &scene->surfaces[object->surface];
     itn__vectors normal = itn__splat_vector(n), d = itn__splat_vector(ray->direction);
     float before = itn__ior(scene, walk->theta, walk->place.refracting), x, y;
     itn__site_make(site, surface, walk->theta, itn__channels(walk), &normal, &d);
@@ -3765,7 +3831,7 @@ static void itn__site_begin(itn__walk *walk, const itn_ray *ray, const itn_hit *
     f->count = 0;
     if (walk->count) itn__site_seeds(site, walk->slots, f);
     if (surface->texture == ITN_TEXTURE_NONE) return;
-    itn__texture_place(scene, object, hit, ray->origin, &x, &y);
+    itn__texture_place(scene, object, surface, hit, ray->origin, &x, &y);
     itn__corners corners = itn__site_texture(site, itn__splat(x), itn__splat(y));
     itn__touch_texture(walk, surface, &corners, f);
 }
@@ -3794,13 +3860,15 @@ static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) 
     itn__ints through;
     itn_vec3 n;
     if (!itn__hit_normal(scene->bvh, hit, ray->direction, &n)) return 0;
+    const itn__surface *surface = event.object < 0 ? NULL : itn__part_met(walk, &event);
+    if (event.object >= 0 && !surface) return 0;
     if (event.object < 0) {
         ray->origin = itn__passed_point(scene->bvh, ray->origin, ray->direction, hit);
         itn__leave_faces(scene, &walk->place, &event, ray->origin, 1);
         return 1;
     }
     ray->origin = itn__hit_point(scene->bvh, hit);
-    itn__site_begin(walk, ray, hit, &event, n, &site, &f);
+    itn__site_begin(walk, ray, hit, &event, surface, n, &site, &f);
     float light_pdf = site.smooth ? 0 : itn__connection_begin(walk, &to);
     if (light_pdf > 0) {
         itn__bsdf_eval(&site, &to.d, &f, &pdf, &through);
@@ -4480,6 +4548,7 @@ static const itn__field itn__forms[][ITN__MOST_FIELDS + 1] = { /* by kind, or ki
 enum {
     ITN__SKY_FORM = ITN__OBJECT + 2, /* of a file that is no item */
     ITN__CHECKER_FORM,               /* what a checker has more, in a desc */
+    ITN__MOST_PARTS = 4096,          /* of a blend */
     ITN__BSDFS = (int)(sizeof itn__bsdfs / sizeof itn__bsdfs[0])
 };
 
@@ -4561,16 +4630,20 @@ static void *itn__keep(itn__maker *maker, size_t count, size_t size) {
     return block;
 }
 
-/* Adds parameter title.field (or title.field_r for channel 0 of 3...); returns its index. In names
+/* Adds parameter title.field (title.field_r for channel 0 of 3..., title.field1 for channel 3...);
+   returns its index. In names
    of layers, which must differ, too, the dot becomes a _; a hash is as good as such a name. */
 static int itn__add_parameter(itn__maker *maker, const itn__field *field, int channel,
                               float value) {
     static const char *const suffix[4] = {"", "_r", "_g", "_b"};
+    char number[16] = "";
     itn_scene *scene = maker->scene;
     int index = scene->parameter_count++;
     itn_parameter *p = &scene->parameters[index];
     itn__source *source = &scene->sources[index];
-    itn__print(p->name, sizeof p->name, "%s.%s%s", maker->title, field->name, suffix[channel + 1]);
+    if (channel > 2) itn__print(number, sizeof number, "%d", channel - 2), channel = -1;
+    itn__print(p->name, sizeof p->name, "%s.%s%s%s", maker->title, field->name,
+               suffix[channel + 1], number);
     p->value = value, p->lower = field->lower, p->upper = field->upper;
     p->transform = field->transform, source->field = field, source->channel = channel;
     for (const char *c = p->name; *c; c++)
@@ -4710,6 +4783,48 @@ static itn_result itn__copy_texels(itn__maker *maker, const itn_image *image, fl
     return maker->result;
 }
 
+/* Enters the weights of a blend. */
+static itn_result itn__take_weights(itn__maker *maker, const itn_surface_desc *in,
+                                    itn__surface *blend) {
+    static const itn__field weight = {"weight", "1fS", 0, 1, 0, 0, 0, ITN_LOGIT, 0, NULL};
+    int count = in->part_count;
+    float sum = 0;
+    char words[100];
+    if (count < 1 || count > ITN__MOST_PARTS || !in->parts || !in->weights)
+        return ITN__REFUSE("a blend has 1 to %d surfaces and weights, not %d", ITN__MOST_PARTS,
+                           count);
+    blend->parts = ITN__KEEP(const itn__surface *, count), blend->part_count = count;
+    for (int k = 0; k < count && !maker->result; k++) {
+        if (!itn__field_allows(&weight, in->weights[k], words))
+            return ITN__REFUSE("weight%d %s", k + 1, words);
+        sum += in->weights[k], itn__add_parameter(maker, &weight, 3 + k, in->weights[k]);
+    }
+    if (sum > 1.00001f) ITN__REFUSE("the weights' sum, %g, is above 1", (double)sum);
+    return maker->result;
+}
+
+/* Finds the parts of a blend. What is said of a dielectric holds for a blend that has one, as its
+   object has one index inside; and that it has texture coordinates, if some part needs them. */
+static itn_result itn__join_parts(itn__maker *maker, int index) {
+    const itn_scene *scene = maker->scene;
+    itn__surface *blend = &scene->surfaces[index];
+    itn__go_to(maker, ITN__SURFACE, index), itn__copy_name(maker->title, blend->name);
+    for (int k = 0; k < blend->part_count; k++) {
+        const char *name = maker->desc->surfaces[index].parts[k];
+        int found = itn__find_name(name, scene->surfaces, sizeof *blend, scene->surface_count);
+        const itn__surface *part = blend->parts[k] = &scene->surfaces[found < 0 ? 0 : found];
+        if (found < 0) return ITN__REFUSE("there is no surface '%s'", name ? name : "");
+        if (part->part_count)
+            return ITN__REFUSE("'%s' is a blend, too: name its parts, with the products of weights",
+                               name);
+        if (part->ior >= 0 && blend->ior >= 0)
+            return ITN__REFUSE("'%s' is a second dielectric, but there is one index inside", name);
+        if (part->ior >= 0) blend->ior = part->ior, blend->alpha = part->alpha;
+        if (part->texture) blend->texture = part->texture;
+    }
+    return ITN_OK;
+}
+
 static itn_result itn__make_surface(itn__maker *maker, int index) {
     itn_surface_desc in = maker->desc->surfaces[index];
     itn_scene *scene = maker->scene;
@@ -4718,7 +4833,8 @@ static itn_result itn__make_surface(itn__maker *maker, int index) {
                        index))
         return maker->result;
     if ((unsigned)in.type >= (unsigned)ITN__BSDFS) return ITN__REFUSE("unknown type");
-    surface->type = in.type, surface->alpha = -1, surface->first = scene->parameter_count;
+    surface->type = in.type, surface->alpha = surface->ior = -1;
+    surface->first = scene->parameter_count;
     if (itn__bsdfs[in.type].flags & ITN__TEXTURED) surface->texture = in.texture;
     if ((unsigned)surface->texture > (unsigned)ITN_TEXTURE_IMAGE)
         return ITN__REFUSE("unknown texture");
@@ -4727,6 +4843,7 @@ static itn_result itn__make_surface(itn__maker *maker, int index) {
         itn__take_fields(maker, itn__forms[ITN__CHECKER_FORM], &in, surface);
     if (surface->texture == ITN_TEXTURE_IMAGE && !maker->result)
         itn__copy_texels(maker, in.image, 1, &surface->width, &surface->height, &surface->texels);
+    if (in.type == ITN_SURFACE_BLEND) itn__take_weights(maker, &in, surface);
     surface->checker_size = in.checker_size;
     surface->count = scene->parameter_count - surface->first;
     return maker->result;
@@ -5014,8 +5131,7 @@ static itn_result itn__name_object(itn__maker *maker, const itn_object_desc *in,
                                     scene->medium_count);
     object->surface = itn__find_name(in->surface, scene->surfaces, sizeof *scene->surfaces,
                                      scene->surface_count);
-    object->refracts = object->surface >= 0 &&
-                       scene->surfaces[object->surface].type == ITN_SURFACE_DIELECTRIC;
+    object->refracts = object->surface >= 0 && scene->surfaces[object->surface].ior >= 0;
     object->solid = in->medium || object->refracts;
     if (in->medium && object->medium < 0) return ITN__REFUSE("there is no medium '%s'", in->medium);
     if (in->surface && object->surface < 0)
@@ -5271,6 +5387,8 @@ static itn_result itn__make_items(itn__maker *maker) {
     size_t media = itn__count(maker, "media", in->media, in->medium_count, 0, 4096);
     size_t surfaces = itn__count(maker, "surfaces", in->surfaces, in->surface_count, 0, 4096);
     size_t values = 6 + 9 * (objects + lights + media + surfaces);
+    for (size_t i = 0; i < surfaces && !maker->result; i++) /* the weights of blends */
+        values += (size_t)itn__clamp((float)in->surfaces[i].part_count, 0, ITN__MOST_PARTS);
     if (maker->result) return maker->result;
     scene->media = ITN__KEEP(itn__medium, media);
     scene->surfaces = ITN__KEEP(itn__surface, surfaces);
@@ -5283,6 +5401,7 @@ static itn_result itn__make_items(itn__maker *maker) {
     if (!maker->result && !itn__make_film(maker)) itn__make_camera(maker);
     for (int i = 0; i < in->medium_count && !maker->result; i++) itn__make_medium(maker, i);
     for (int i = 0; i < in->surface_count && !maker->result; i++) itn__make_surface(maker, i);
+    for (int i = 0; i < in->surface_count && !maker->result; i++) itn__join_parts(maker, i);
     for (int i = 0; i < in->light_count && !maker->result; i++) itn__make_light(maker, i);
     for (int i = 0; i < in->object_count && !maker->result; i++) itn__make_object(maker, i);
     if (maker->result) return maker->result;
@@ -6971,6 +7090,32 @@ static void itn__pass(itn__crowd *crowd, itn__path *path, int substance, float t
     itn__book(crowd, path, substance);
 }
 
+/* Adds to scores what a factor at a surface contributes in lane k. */
+static void itn__book_factor(const itn__render *render, float *scores, const itn__factor *f,
+                             int k) {
+    for (int j = 0; j < f->count; j++) {
+        int c = render->only[f->slots[j]] > 0 ? render->only[f->slots[j]] : 0;
+        if (ITN__LANE(f->value[c], k) != 0)
+            scores[f->slots[j]] += ITN__LANE(f->slope[j][c], k) / ITN__LANE(f->value[c], k);
+    }
+}
+
+/* itn__part_met for a path. */
+static const itn__surface *itn__path_met(const itn__render *render, itn__path *path) {
+    const itn_scene *scene = render->scene;
+    const itn__surface *surface = &scene->surfaces[scene->objects[path->event.object].surface];
+    itn__rng rng = {(uint32_t)path->key0, (uint32_t)path->key1, (uint32_t)path->dimension};
+    itn__factor f;
+    if (!surface->part_count) return surface;
+    surface = itn__choose_part(scene, render->theta, render->slots, &path->place, &rng,
+                               &path->event, &f);
+    path->dimension = (int32_t)rng.dimension;
+    for (int c = 0; c < render->channels && surface; c++) path->beta[c] *= ITN__LANE(f.value[c], 0);
+    if (surface) itn__book_factor(render, path->scores, &f, 0);
+    if (path->event.object < 0) path->pdf = INFINITY;
+    return surface;
+}
+
 /* A path has come to path->hit within or around a substance: it goes to the surface's queue, or
    through an index-matched boundary. */
 static void itn__meet(itn__crowd *crowd, int substance, itn__path *path) {
@@ -6984,6 +7129,11 @@ static void itn__meet(itn__crowd *crowd, int substance, itn__path *path) {
     }
     itn__pass(crowd, path, substance, itn__max(path->hit.t, 0));
     path->event = itn__meet_faces(scene, render->theta, &path->place, &ray, &path->hit);
+    const itn__surface *surface = path->event.object < 0 ? NULL : itn__path_met(render, path);
+    if (path->event.object >= 0 && !surface) {
+        itn__end(crowd, path, 0);
+        return;
+    }
     path->p = itn__hit_point(scene->bvh, &path->hit);
     path->level = itn__dot(path->up, path->p);
     if (path->event.object < 0) {
@@ -6992,12 +7142,12 @@ static void itn__meet(itn__crowd *crowd, int substance, itn__path *path) {
         itn__depart(crowd, path);
         return;
     }
-    const itn__object *object = &scene->objects[path->event.object];
     path->eta = itn__ior(scene, render->theta, path->event.after) /
                 itn__ior(scene, render->theta, path->place.refracting);
-    if (scene->surfaces[object->surface].texture != ITN_TEXTURE_NONE)
-        itn__texture_place(scene, object, &path->hit, path->p, &path->x, &path->y);
-    itn__enqueue(crowd, &crowd->surface[object->surface], path);
+    if (surface->texture != ITN_TEXTURE_NONE)
+        itn__texture_place(scene, &scene->objects[path->event.object], surface, &path->hit,
+                           path->p, &path->x, &path->y);
+    itn__enqueue(crowd, &crowd->surface[surface - scene->surfaces], path);
 }
 
 /* Flights to their ends: in a substance those that the tables could not prove free; outside, to the
@@ -7026,16 +7176,6 @@ ITN__NOINLINE void itn__run_exact(itn__crowd *crowd, int substance) {
         }
     }
     crowd->exact.count = 0;
-}
-
-/* Adds to scores what a factor at a surface contributes in lane k. */
-static void itn__book_factor(const itn__render *render, float *scores, const itn__factor *f,
-                             int k) {
-    for (int j = 0; j < f->count; j++) {
-        int c = render->only[f->slots[j]] > 0 ? render->only[f->slots[j]] : 0;
-        if (ITN__LANE(f->value[c], k) != 0)
-            scores[f->slots[j]] += ITN__LANE(f->slope[j][c], k) / ITN__LANE(f->value[c], k);
-    }
 }
 
 /* A shadow ray from each lane of the mask, all on one surface. */
@@ -7378,10 +7518,12 @@ static const char *itn__ior_flaw(const itn__render *render, int parameter, const
     for (int i = 0; i < scene->object_count * scene->object_count; i++) {
         const itn__object *object = &scene->objects[i / scene->object_count];
         int j = i % scene->object_count, other = scene->objects[j].surface;
-        if (object->surface != asked || !(object->dielectrics & itn__object_bit(j))) continue;
+        if (object->surface < 0 || surfaces[object->surface].ior != parameter ||
+            !(object->dielectrics & itn__object_bit(j))) continue;
         float beyond = render->theta[surfaces[other].ior];
         if (surfaces[other].alpha >= 0 &&
-            (other == asked || fabsf(beyond - ior) > ITN__SAME_INDEX * ior)) continue;
+            (surfaces[other].ior == parameter ||
+             fabsf(beyond - ior) > ITN__SAME_INDEX * ior)) continue;
         *where = surfaces[other].name;
         return "where solids meet, all must be rough and of different index; this is not: ";
     }
@@ -11194,7 +11336,7 @@ ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *
    few numbers, which go straight to the item's desc. Errors of form are found here; all else is
    checked by the maker, as lines may stand in any order, and it knows which item is at fault. */
 
-enum { ITN__MOST_ITEMS = 64, ITN__MOST_TEXT = 1 << 24 };
+enum { ITN__MOST_ITEMS = 64, ITN__MOST_LISTED = 512, ITN__MOST_TEXT = 1 << 24 };
 
 typedef struct itn__reader {
     itn__text text;
@@ -11204,8 +11346,11 @@ typedef struct itn__reader {
     itn_scene_desc desc;
     int count[ITN__KINDS], lines[ITN__KINDS][ITN__MOST_ITEMS]; /* how many so far; where they are */
     int colour_line; /* of the first colour of three numbers, 0: none so far */
-    int name_count, mesh_count, image_count;
-    char names[5 * ITN__MOST_ITEMS][ITN_NAME_SIZE]; /* of media, surfaces, lights; two in objects */
+    int name_count, mesh_count, image_count, part_count, weight_count;
+    const char *parts[ITN__MOST_LISTED]; /* of all blends, */
+    float weights[ITN__MOST_LISTED];     /* and theirs */
+    char names[5 * ITN__MOST_ITEMS + ITN__MOST_LISTED][ITN_NAME_SIZE]; /* of media, surfaces,
+                                                               lights; two in objects; parts */
     itn_mesh meshes[ITN__MOST_ITEMS];
     itn_image images[2 * ITN__MOST_ITEMS];
     itn_medium_desc media[ITN__MOST_ITEMS];
@@ -11219,6 +11364,7 @@ typedef struct itn__reader {
     const itn__field *file;      /* the field with a file, NULL: none, */
     const char *path;            /* and what it is called: */
     int length;                  /* so many characters */
+    char known[160];             /* names of all fields */
 } itn__reader;
 
 #define ITN__WRONG(...) itn__text_fail(&r->text, ITN_ERROR_FORMAT, __VA_ARGS__)
@@ -11309,8 +11455,31 @@ static void itn__read_name(itn__reader *r, char *at) {
     memcpy(at, &name, sizeof name);
 }
 
+/* Reads a list of names or numbers, up to the next field's name; returns how many. */
+static int itn__read_list(itn__reader *r, const itn__field *field) {
+    int names = itn__has_form(field, 'n'), *end = names ? &r->part_count : &r->weight_count;
+    itn_surface_desc *blend = (itn_surface_desc *)(void *)r->item;
+    int first = *end;
+    const void *list = names ? (const void *)&r->parts[first] : &r->weights[first];
+    memcpy(r->item + field->at, &list, sizeof list);
+    for (itn__text ahead; !itn__line_done(&r->text) && *end < ITN__MOST_LISTED; ++*end) {
+        ahead = r->text;
+        if (itn__accept(&ahead, r->known) >= 0) break;
+        if (names) itn__read_name(r, (char *)&r->parts[*end]);
+        else r->weights[*end] = (float)itn__take_decimal(&r->text, field->name);
+    }
+    int count = *end - first;
+    if (*end == ITN__MOST_LISTED)
+        ITN__WRONG("%s: the lists of all blends have %d or more words", field->name, *end);
+    if (blend->part_count && count != blend->part_count)
+        ITN__WRONG("a blend has %d and %d surfaces and weights", blend->part_count, count);
+    blend->part_count = count;
+    return count;
+}
+
 /* Reads what follows a field's name; returns how many numbers. */
 static int itn__read_field(itn__reader *r, const itn__field *field) {
+    if (strpbrk(field->form, "nl")) return itn__read_list(r, field);
     if (strpbrk(field->form, "0123456789")) return itn__read_values(r, field);
     if (strpbrk(field->form, "wmpy") && itn__line_done(&r->text)) {
         ITN__WRONG("%s: the line ends too early", field->name);
@@ -11330,12 +11499,12 @@ static int itn__read_field(itn__reader *r, const itn__field *field) {
 
 /* Reads all fields of the line. */
 static void itn__read_fields(itn__reader *r) {
-    char list[160] = "";
-    itn__prose known = {list, sizeof list - 1, 0};
+    itn__prose known = {r->known, sizeof r->known - 1, 0};
+    *r->known = 0;
     for (const itn__field *field = r->fields; field->name; field++)
-        itn__say(&known, "%s%s", *list ? " " : "", field->name);
+        itn__say(&known, "%s%s", *r->known ? " " : "", field->name);
     while (!itn__line_done(&r->text)) {
-        int k = itn__choose(r, &r->text, r->kind, list);
+        int k = itn__choose(r, &r->text, r->kind, r->known);
         if (k < 0) return;
         if (r->given[k] && !itn__has_form(&r->fields[k], 't')) /* which may come again */
             ITN__WRONG("%s is given twice", r->fields[k].name);
