@@ -62,15 +62,16 @@ static inline itn__nvectors one_still(itn__vectors v) { /* with slopes 0 */
     itn__floats zero = itn__splat(0);
     return itn__nvectors_of(v, itn__vectors_of(zero, zero, zero));
 }
+static itn_distribution one_distribution; /* of what is rough; suites set it and set it back */
 static inline one_dual one_rough(itn_vec3 i, itn_vec3 o, const itn_vec3 *drawn, float alpha,
                                  float eta, float *pdf) {
     itn__vectors from = one_vectors(i), to = one_vectors(o), m = one_vectors(drawn ? *drawn : i);
     itn__floats a = one_lanes(alpha), e = one_lanes(eta), density;
     itn__nvectors ni = one_still(from), no = one_still(to);
     itn__num f, g, x = itn__variable(a), y = itn__constant(e);
-    f = itn__rough(&ni, &no, drawn ? &m : NULL, &x, &y, &density);
+    f = itn__rough(one_distribution, &ni, &no, drawn ? &m : NULL, &x, &y, &density);
     x = itn__constant(a), y = itn__variable(e);
-    g = itn__rough(&ni, &no, drawn ? &m : NULL, &x, &y, &density);
+    g = itn__rough(one_distribution, &ni, &no, drawn ? &m : NULL, &x, &y, &density);
     *pdf = one_of(density);
     return one_make(f, g);
 }

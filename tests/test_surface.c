@@ -243,9 +243,11 @@ static void told_albedo(int told, double mu, double alpha, double eta, share sha
         m = itn__sample_facet(&i, a, u[0], u[1]);
         good = itn__sample_dielectric(&i, &m, e, u[2], &o);
         itn__nvectors from = one_still(i), to = one_still(o);
-        by[0] = itn__rough(&from, &to, told ? &m : NULL, &x, &y, &pdf);
+        by[0] = itn__rough(one_distribution, &from, &to, told ? &m : NULL, &x, &y,
+                           &pdf);
         x = itn__constant(a), y = itn__variable(e);
-        by[1] = itn__rough(&from, &to, told ? &m : NULL, &x, &y, &pdf);
+        by[1] = itn__rough(one_distribution, &from, &to, told ? &m : NULL, &x, &y,
+                           &pdf);
         for (l = 0; l < ITN__LANES; l++) {
             share *to = &shares[ITN__LANE(o.z, l) > 0 ? UP : DOWN];
             double f = ITN__LANE(by[0].v, l), p = ITN__LANE(pdf, l), d;
@@ -392,7 +394,7 @@ static void check_histogram(float alpha, float eta, float mu, double factor) {
                         ITN__LANE(to.y, l) = (float)(r * sin(phi));
                     }
                     itn__nvectors ni = one_still(from), no = one_still(to);
-                    itn__rough(&ni, &no, NULL, &a_alpha, &an_eta, &pdf);
+                    itn__rough(one_distribution, &ni, &no, NULL, &a_alpha, &an_eta, &pdf);
                     for (l = 0; l < ITN__LANES; l++)
                         expected += ITN__LANE(pdf, l) * factor * 8 * surface_pi * fabs(s) /
                                     ((double)COSINES * TURNS * FINE * FINE);
