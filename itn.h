@@ -3788,16 +3788,22 @@ static float itn__weigh_choice(itn__walk *walk, const int parameter[3], const it
     return density;
 }
 
-/* A part of the blend at an event, drawn with a chance in proportion to its weight, and not too
-   small where the derivative by that is asked for; NULL where no light is left. The factor receives
-   weight over chance. A part that refracts into the same index is not felt, and ends the event;
-   as shadow rays have ended at the blend, what is behind counts as met by chance alone. */
-static const itn__surface *itn__choose_part(const itn_scene *scene, const float *theta,
+/* The surface that a path meets at an event; NULL: none, or no light is left. Of a blend it is a
+   part, drawn with a chance in proportion to its weight, but not too small where the derivative by
+   that is asked for; the factor receives weight over chance. A part that refracts into the same
+   index is not felt: the event is none. As shadow rays end at the blend all the same, what is
+   behind counts as met by chance alone. */
+static const itn__surface *itn__surface_met(const itn_scene *scene, const float *theta,
                                             const int *slots, const itn__place *place,
-                                            itn__rng *rng, itn__event *event, itn__factor *f) {
-    const itn__surface *blend = &scene->surfaces[scene->objects[event->object].surface];
+                                            itn__rng *rng, itn__event *event, itn__factor *f,
+                                            float *pdf) {
     float u = 0, total = 0, chance = 1;
     int at = -1;
+    f->count = 0;
+    for (int c = 0; c < 3; c++) f->value[c] = itn__splat(1);
+    if (event->object < 0) return NULL;
+    const itn__surface *blend = &scene->surfaces[scene->objects[event->object].surface];
+    if (!blend->part_count) return blend;
     for (int k = 0; k < 2 * blend->part_count; k++) { /* the sum, then who it is */
         int parameter = blend->first + k % blend->part_count;
         float own = itn__max(theta[parameter], slots[parameter] >= 0 ? .1f : 0);
@@ -3807,12 +3813,13 @@ static const itn__surface *itn__choose_part(const itn_scene *scene, const float 
     }
     if (at < 0) return NULL;
     const itn__surface *part = blend->parts[at - blend->first];
-    f->count = 0, itn__add_seed(f, at, slots[at]);
+    itn__add_seed(f, at, slots[at]);
     for (int c = 0; c < 3; c++) {
         f->slope[0][c] = itn__splat(total / chance);
         f->value[c] = itn__splat(theta[at] * (total / chance));
     }
-    if (part->ior >= 0 && itn__is_matched(scene, theta, place, event)) event->object = -1;
+    if (part->ior >= 0 && itn__is_matched(scene, theta, place, event))
+        event->object = -1, *pdf = INFINITY;
     return part;
 }
 
@@ -4117,20 +4124,6 @@ static void itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ra
     walk->pdf = itn__weigh_choice(walk, medium->g, p, pdf);
 }
 
-/* The surface that a path meets at an event, of a blend a part; NULL where no light is left. */
-static const itn__surface *itn__part_met(itn__walk *walk, itn__event *event) {
-    const itn_scene *scene = walk->scene;
-    const itn__surface *surface = &scene->surfaces[scene->objects[event->object].surface];
-    itn__factor f;
-    if (!surface->part_count) return surface;
-    surface = itn__choose_part(scene, walk->theta, walk->slots, &walk->place, &walk->rng, event,
-                               &f);
-    for (int c = 0; c < itn__channels(walk) && surface; c++)
-        itn__weigh(walk, &walk->weight, &f, c, 1);
-    if (event->object < 0) walk->pdf = INFINITY;
-    return surface;
-}
-
 /* The site of a path on a surface with normal n, and what its slopes are by. */
 static void itn__site_begin(itn__walk *walk, const itn_ray *ray, const itn_hit *hit,
                             const itn__event *event, const itn__surface *surface, itn_vec3 n,
@@ -4178,7 +4171,9 @@ static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) 
     itn__ints through;
     itn_vec3 n;
     if (!itn__hit_normal(scene->bvh, hit, ray->direction, &n)) return 0;
-    const itn__surface *surface = event.object < 0 ? NULL : itn__part_met(walk, &event);
+    const itn__surface *surface = itn__surface_met(scene, walk->theta, walk->slots, &walk->place,
+                                                   &walk->rng, &event, &f, &walk->pdf);
+    for (int c = 0; c < itn__channels(walk); c++) itn__weigh(walk, &walk->weight, &f, c, 1);
     if (event.object >= 0 && !surface) return 0;
     if (event.object < 0) {
         ray->origin = itn__passed_point(scene->bvh, ray->origin, ray->direction, hit);
@@ -7422,27 +7417,13 @@ static void itn__book_factor(const itn__render *render, float *scores, const itn
     }
 }
 
-/* itn__part_met for a path. */
-static const itn__surface *itn__path_met(const itn__render *render, itn__path *path) {
-    const itn_scene *scene = render->scene;
-    const itn__surface *surface = &scene->surfaces[scene->objects[path->event.object].surface];
-    itn__rng rng = {(uint32_t)path->key0, (uint32_t)path->key1, (uint32_t)path->dimension};
-    itn__factor f;
-    if (!surface->part_count) return surface;
-    surface = itn__choose_part(scene, render->theta, render->slots, &path->place, &rng,
-                               &path->event, &f);
-    path->dimension = (int32_t)rng.dimension;
-    for (int c = 0; c < render->channels && surface; c++) path->beta[c] *= ITN__LANE(f.value[c], 0);
-    if (surface) itn__book_factor(render, path->scores, &f, 0);
-    if (path->event.object < 0) path->pdf = INFINITY;
-    return surface;
-}
-
 /* A path has come to path->hit within or around a substance: it goes to the surface's queue, or
    through an index-matched boundary. */
 static void itn__meet(itn__crowd *crowd, int substance, itn__path *path) {
     const itn__render *render = crowd->render;
     const itn_scene *scene = render->scene;
+    itn__rng rng = {(uint32_t)path->key0, (uint32_t)path->key1, (uint32_t)path->dimension};
+    itn__factor f;
     itn_ray ray;
     ray.origin = path->p, ray.direction = path->d;
     if (!itn__hit_normal(scene->bvh, &path->hit, path->d, &path->up)) {
@@ -7451,7 +7432,12 @@ static void itn__meet(itn__crowd *crowd, int substance, itn__path *path) {
     }
     itn__pass(crowd, path, substance, itn__max(path->hit.t, 0));
     path->event = itn__meet_faces(scene, render->theta, &path->place, &ray, &path->hit);
-    const itn__surface *surface = path->event.object < 0 ? NULL : itn__path_met(render, path);
+    const itn__surface *surface = itn__surface_met(scene, render->theta, render->slots,
+                                                   &path->place, &rng, &path->event, &f,
+                                                   &path->pdf);
+    path->dimension = (int32_t)rng.dimension;
+    for (int c = 0; c < render->channels; c++) path->beta[c] *= ITN__LANE(f.value[c], 0);
+    itn__book_factor(render, path->scores, &f, 0);
     if (path->event.object >= 0 && !surface) {
         itn__end(crowd, path, 0);
         return;
