@@ -305,8 +305,10 @@ typedef enum itn_surface_type {
     ITN_SURFACE_ROUGH_DIFFUSE,  /* Oren and Nayar */
     ITN_SURFACE_WARD,           /* gloss, which may differ along and across the tangent, */
     ITN_SURFACE_ASHIKHMIN,      /* and the same over a diffuse ground (Ashikhmin and Shirley) */
-    ITN_SURFACE_BLEND           /* the sum of others, each times its weight; patches finer than what
+    ITN_SURFACE_BLEND,          /* the sum of others, each times its weight; patches finer than what
                                    is seen, dielectrics among them */
+    ITN_SURFACE_MEASURED        /* an isotropic BRDF by a table (Matusik et al. 2003), trilinear
+                                   between the middles of its cells */
 } itn_surface_type;
 typedef enum itn_distribution { ITN_GGX = 0, ITN_BECKMANN } itn_distribution; /* of microfacets */
 typedef enum itn_texture_type {
@@ -315,6 +317,13 @@ typedef enum itn_texture_type {
     ITN_TEXTURE_IMAGE    /* reflectance times the image, bilinear, repeated */
 } itn_texture_type;
 
+/* A file in memory, by the name that a scene calls it. */
+typedef struct itn_file {
+    const char *name;
+    const void *bytes;
+    size_t size;
+} itn_file;
+
 typedef struct itn_surface_desc {
     const char *name;
     itn_surface_type type;
@@ -322,7 +331,7 @@ typedef struct itn_surface_desc {
     float alpha; /* dielectric, conductor: roughness; 0 = smooth, else in [.001,1] */
     itn_distribution distribution;         /* where alpha is not 0 */
     float reflectance[3], reflectance2[3]; /* opaque: in [0,1]; the other squares of a checker */
-    int has_reflectance; /* conductor: 1: a reflectance of 0 is meant; 0: then it is 1 */
+    int has_reflectance; /* conductor, measured: 1: a reflectance of 0 is meant; 0: then it is 1 */
     float eta[3], k[3];  /* conductor: index eta - i k over that around it, eta in [.001,100], k in
                             [0,100] */
     float sigma;         /* rough diffuse: deviation of the slopes' angles, degrees in [0,90] */
@@ -339,6 +348,8 @@ typedef struct itn_surface_desc {
                                  dielectric: others coat it, or else nothing goes through */
     const float *weights;     /* of these, in [0,1]; their sum is at most 1, the rest is lost */
     int part_count;
+    itn_file measured; /* measured: the bytes of a MERL file, 90 x 90 x 180 doubles for R, G and B;
+                          its scales are 1, 1.15 and 1.66 / 1500, and what is negative is 0 */
 } itn_surface_desc;
 
 /* A mesh with what is inside it and what its surface does. Where closed objects overlap, the medium
@@ -432,6 +443,7 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
        surface NAME  type rough_diffuse  R  sigma DEGREES
        surface NAME  type ward  R  alpha_x A  [alpha_y A]                           (as alpha_x)
        surface NAME  type ashikhmin  R  specular COLOUR  nu N  [nv N]                    (as nu)
+       surface NAME  type measured FILE  [R]                                                 (1)
        surface NAME  type blend  surfaces NAME...  weights W...
        object  mesh FILE  [medium NAME] [surface NAME] [TRANSFORM...] [force]
        object  plane  surface NAME  [y Y] [half H]                                (y 0; half 20)
@@ -446,13 +458,6 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
    `translate X Y Z`; any number of them are applied to the mesh from left to right. Meshes are OBJ
    or PLY, images as itn_image_load reads them. A sky file has likewise the fields of itn_sky:
    coefficients_r (and _g, _b) A B C D E F G I H, radiance R G B and sun_radiance R G B. */
-
-/* A file in memory, by the name that a scene calls it. */
-typedef struct itn_file {
-    const char *name;
-    const void *bytes;
-    size_t size;
-} itn_file;
 
 /* Makes a scene of the bytes of a scene file. The files that it names are looked for among `files`
    (NULL and 0 for none); others are opened as if the scene were the file `name` (NULL = "scene"),
@@ -1527,6 +1532,12 @@ ITN__INLINE itn__num itn__nexp(itn__num a) {
     itn__floats v = itn__vexp(a.v), zero = itn__splat(0);
     return itn__num_of(v, itn__select(itn__less(zero, v), a.d * v, zero));
 }
+/* The angle of (x, y), see itn__vatan2. */
+ITN__INLINE itn__num itn__nangle(itn__num y, itn__num x) {
+    itn__floats square = x.v * x.v + y.v * y.v, zero = itn__splat(0);
+    itn__floats turn = (y.d * x.v - x.d * y.v) / square;
+    return itn__num_of(itn__vatan2(y.v, x.v), itn__select(itn__less(zero, square), turn, zero));
+}
 ITN__INLINE itn__num itn__nselect(itn__ints mask, itn__num a, itn__num b) {
     return itn__num_of(itn__select(mask, a.v, b.v), itn__select(mask, a.d, b.d));
 }
@@ -2198,10 +2209,10 @@ ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray) {
    spectrum (one number, or three in an array beside it); k a checker, t a step of a transform. With
    ? an int beside it tells whether a 0 is meant, else (?, or 0 out of range) `otherwise` counts.
    Or what word follows: w a name, o one of `words`, m p y a file with a mesh, a picture, a sky; or
-   any number of names, n, or of numbers, l, where the desc has a pointer. A field without any of
-   these is a flag, an int. What has ! must be given. What a parameter is: S a share of
-   what arrives that leaves again, R a rate of collisions, N an index of refraction, L the scale of
-   a light. */
+   any number of names, n, or of numbers, l, where the desc has a pointer; or after one of `words`
+   a file as it is, b. A field without any of these is a flag, an int. What has ! must be given.
+   What a parameter is: S a share of what arrives that leaves again, R a rate of collisions, N an
+   index of refraction, L the scale of a light. */
 typedef struct itn__field {
     const char *name, *form;
     float lower, upper; /* range of its numbers */
@@ -2223,7 +2234,8 @@ static const char *const itn__kinds[] = {"film", "camera", "medium", "object", "
 /* Types that differ in fields: the words for them, in their order. */
 static const char *const itn__types[ITN__KINDS] = {
     NULL, NULL, NULL, "mesh plane",
-    "dielectric diffuse mirror conductor rough_diffuse ward ashikhmin blend", "constant map sky"};
+    "dielectric diffuse mirror conductor rough_diffuse ward ashikhmin blend measured",
+    "constant map sky"};
 
 /* Rows; `...` is lower, upper, otherwise. */
 #define ITN__FIELD(name, item, field, form, ...)                                                   \
@@ -2370,6 +2382,8 @@ typedef struct itn__surface {
     float *texels; /* [height][width][3] */
     int part_count; /* of a blend, whose weights are its parameters; else 0 */
     const struct itn__surface **parts;
+    float *table; /* of a measured one: [theta_h][theta_d][phi_d][3]; */
+    float gloss;  /* half of its directions are drawn from GGX of this roughness */
 } itn__surface;
 
 enum { ITN__TEXEL = -2 }; /* as a seed: what an image texture is there */
@@ -2760,6 +2774,58 @@ static itn__ints itn__ashikhmin_sample(itn__site *site, const itn__floats u[3], 
     return good;
 }
 
+/* A measured BRDF is a table over the angles of h, theta_h = pi/2 (x/90)^2, and of i around it,
+   theta_d = pi/2 (y/90) and phi_d = pi (z/180), at the middles of cells in x, y, z. */
+enum { ITN__CELLS = 90 * 90 * 180 };
+static void itn__measured_eval(const itn__site *site, const itn__nvectors *i,
+                               const itn__nvectors *o, itn__num f[3], itn__floats *pdf) {
+    static const float counts[3] = {90, 90, 180};
+    itn__floats zero = itn__splat(0), one = itn__splat(1);
+    itn__num cosine, at[3], sum[3] = {{zero, zero}, {zero, zero}, {zero, zero}};
+    itn__ints cell[3], all = itn__splat_int(-1);
+    itn__nvectors h = itn__halfway(i, o, &cosine), d = itn__nalong(i, itn__constant(-one), o);
+    itn__num sine2 = itn__nadd(itn__nsquare(h.x), itn__nsquare(h.y));
+    itn__num along = itn__nadd(itn__nmul(h.x, i->x), itn__nmul(h.y, i->y));
+    at[0] = itn__nroot(itn__nscale(itn__nangle(itn__nroot(sine2), h.z), one * (2 / ITN__PI)));
+    at[1] = itn__nangle(itn__nscale(itn__nroot(itn__ndot(&d, &d)), .5f * one), cosine);
+    at[2] = itn__nangle(itn__nsub(itn__nmul(h.x, i->y), itn__nmul(h.y, i->x)),
+                        itn__nsub(itn__nmul(h.z, along), itn__nmul(sine2, i->z)));
+    for (int k = 0; k < 3; k++) {
+        at[k] = itn__naffine(at[k], itn__splat(k ? 180 / ITN__PI : 90), -.5f * one);
+        if (k == 2) at[k].v -= 180 * itn__to_floats(itn__floor_ints(at[k].v * (1 / 180.f)));
+        at[k].v = itn__least(itn__most(at[k].v, zero), itn__splat(counts[k] - (k < 2 ? 1 : 1e-4f)));
+        cell[k] = itn__to_ints(at[k].v);
+        at[k] = itn__naffine(at[k], one, -itn__to_floats(cell[k]));
+    }
+    for (int corner = 0; corner < 8; corner++) {
+        itn__num share = itn__constant(one);
+        itn__ints index = itn__splat_int(0);
+        for (int k = 0; k < 3; k++) { /* those behind the last are the first, or count nothing */
+            int next = corner >> k & 1, count = (int)counts[k];
+            itn__ints c = cell[k] + itn__splat_int(next), last = itn__splat_int(count - 1);
+            index = index * count + itn__select_int(itn__int_less(last, c), itn__splat_int(0), c);
+            share = itn__nmul(share, next ? at[k] : itn__naffine(at[k], -one, one));
+        }
+        for (int c = 0; c < site->channels; c++)
+            sum[c] = itn__nadd(sum[c], itn__nscale(share, itn__gather(site->surface->table + c,
+                                                                      index * 3, all, zero)));
+    }
+    itn__seen_facets(ITN_GGX, i, &h, itn__constant(site->surface->gloss * one), pdf);
+    *pdf = .5f * (*pdf / (4 * site->i.z) + o->z.v / ITN__PI);
+    for (int c = 0; c < site->channels; c++)
+        f[c] = itn__nmul(itn__nmul(itn__reflectance(site, c), sum[c]), o->z);
+    itn__cut(site, o, f, pdf);
+}
+static itn__ints itn__measured_sample(itn__site *site, const itn__floats u[3], itn__vectors *o) {
+    itn__floats alpha = itn__splat(site->surface->gloss);
+    itn__ints gloss = itn__less(u[2], itn__splat(.5f));
+    itn__vectors plain;
+    itn__ints good = itn__reflect(site, itn__sample_facet(&site->i, alpha, u[0], u[1]), o) | ~gloss;
+    itn__diffuse_sample(site, u, &plain);
+    *o = itn__vselect(gloss, *o, plain);
+    return good;
+}
+
 /* The surfaces there are. To add one, say a retroreflector:
    1. Name it last in itn_surface_type. Fields that no other has go into itn_surface_desc and, where
       they can be differentiated, into itn__surface: an int of the same name, the index of the
@@ -2834,7 +2900,10 @@ static const itn__bsdf itn__bsdfs[] = {
      ITN__OPAQUE | ITN__TEXTURED | ITN__ORIENTED, itn__ashikhmin_eval, itn__ashikhmin_sample},
     {{ITN__MARK("type", "o!", "blend"), ITN__WORD("surfaces", surface, parts, "n!"),
       ITN__WORD("weights", surface, weights, "l!")},
-     0, NULL, NULL}}; /* of a blend its parts are met */
+     0, NULL, NULL}, /* of a blend its parts are met */
+    {{ITN__REFLECTANCE_OR("013cS?", 1),
+      {"type", "ob!", 0, 0, 0, offsetof(itn_surface_desc, measured), 0, ITN_LOG, 0, "measured"}},
+     ITN__OPAQUE | ITN__TEXTURED, itn__measured_eval, itn__measured_sample}};
 
 /* A local factor of paths in each channel, and its slopes by those of its parameters that are asked
    for, the seeds; slots[k] is the place of seed k among all that are asked for. */
@@ -5097,6 +5166,42 @@ static itn_result itn__copy_texels(itn__maker *maker, const itn_image *image, fl
     return maker->result;
 }
 
+/* Takes over a measured BRDF. Of what is above its darkest ring of theta_h, half is on either side
+   of the median, which GGX has where the tangent is alpha. */
+static uint64_t itn__from_bytes(const unsigned char *bytes, size_t size, int big);
+static itn_result itn__take_table(itn__maker *maker, const itn_file *file, itn__surface *surface) {
+    static const float scales[3] = {1 / 1500.f, 1.15f / 1500, 1.66f / 1500};
+    const unsigned char *bytes = (const unsigned char *)file->bytes;
+    double ring[90] = {0}, darkest = DBL_MAX, sum[91] = {0}, angle[90];
+    int size = 12 + 24 * ITN__CELLS, good = bytes && file->size == (size_t)size;
+    for (int k = 0; k < 3 && good; k++)
+        good = itn__from_bytes(bytes + 4 * k, 4, 0) == (k < 2 ? 90 : 180);
+    if (!good)
+        return ITN__REFUSE("is no table of 90 x 90 x 180 doubles for R, G and B, %d bytes", size);
+    surface->table = ITN__KEEP(float, 3 * ITN__CELLS);
+    for (int i = 0; i < ITN__CELLS && !maker->result; i++) {
+        float *rgb = surface->table + 3 * i;
+        for (int c = 0; c < 3; c++) {
+            uint64_t bits = itn__from_bytes(bytes + 12 + 8 * (c * ITN__CELLS + i), 8, 0);
+            double value;
+            memcpy(&value, &bits, sizeof value);
+            if (!(fabs(value) <= 1e12)) return ITN__REFUSE("entry %d is %g", i, value);
+            rgb[c] = itn__max((float)value, 0) * scales[c];
+        }
+        itn__to_film(maker->scene, rgb);
+        ring[i / (ITN__CELLS / 90)] += (double)itn__luminance(rgb);
+    }
+    for (int k = 0; k < 90; k++) darkest = fmin(darkest, ring[k]);
+    for (int k = 0; k < 90; k++) {
+        angle[k] = (double)ITN__PI / 2 * (k + .5) * (k + .5) / 8100;
+        sum[k + 1] = sum[k] + (ring[k] - darkest) * sin(2 * angle[k]) * (k + .5);
+    }
+    surface->gloss = 1;
+    for (int k = 89; k >= 0; k--)
+        if (sum[k + 1] > sum[90] / 2) surface->gloss = (float)fmin(fmax(tan(angle[k]), .002), 1);
+    return maker->result;
+}
+
 /* Enters the weights of a blend. */
 static itn_result itn__take_weights(itn__maker *maker, const itn_surface_desc *in,
                                     itn__surface *blend) {
@@ -5160,6 +5265,8 @@ static itn_result itn__make_surface(itn__maker *maker, int index) {
     if (surface->texture == ITN_TEXTURE_IMAGE && !maker->result)
         itn__copy_texels(maker, in.image, 1, &surface->width, &surface->height, &surface->texels);
     if (in.type == ITN_SURFACE_BLEND) itn__take_weights(maker, &in, surface);
+    if (in.type == ITN_SURFACE_MEASURED && !maker->result)
+        itn__take_table(maker, &in.measured, surface);
     surface->checker_size = in.checker_size, surface->distribution = in.distribution;
     surface->count = scene->parameter_count - surface->first;
     return maker->result;
@@ -11663,13 +11770,14 @@ typedef struct itn__reader {
     itn_scene_desc desc;
     int count[ITN__KINDS], lines[ITN__KINDS][ITN__MOST_ITEMS]; /* how many so far; where they are */
     int colour_line; /* of the first colour of three numbers, 0: none so far */
-    int name_count, mesh_count, image_count, part_count, weight_count;
+    int name_count, mesh_count, image_count, table_count, part_count, weight_count;
     const char *parts[ITN__MOST_LISTED]; /* of all blends, */
     float weights[ITN__MOST_LISTED];     /* and theirs */
     char names[5 * ITN__MOST_ITEMS + ITN__MOST_LISTED][ITN_NAME_SIZE]; /* of media, surfaces,
                                                                lights; two in objects; parts */
     itn_mesh meshes[ITN__MOST_ITEMS];
     itn_image images[2 * ITN__MOST_ITEMS];
+    itn__buffer tables[ITN__MOST_ITEMS];
     itn_medium_desc media[ITN__MOST_ITEMS];
     itn_surface_desc surfaces[ITN__MOST_ITEMS];
     itn_object_desc objects[ITN__MOST_ITEMS];
@@ -11798,9 +11906,10 @@ static int itn__read_list(itn__reader *r, const itn__field *field) {
 static int itn__read_field(itn__reader *r, const itn__field *field) {
     if (strpbrk(field->form, "nl")) return itn__read_list(r, field);
     if (strpbrk(field->form, "0123456789")) return itn__read_values(r, field);
-    if (strpbrk(field->form, "wmpy") && itn__line_done(&r->text)) {
+    if (itn__has_form(field, 'b')) itn__choose(r, &r->text, field->name, field->words);
+    if (strpbrk(field->form, "wmpyb") && itn__line_done(&r->text)) {
         ITN__WRONG("%s: the line ends too early", field->name);
-    } else if (strpbrk(field->form, "mpy")) {
+    } else if (strpbrk(field->form, "mpyb")) {
         if (*r->text.at == '"' || *r->text.at == '\'')
             ITN__WRONG("%s: a path has neither quotes nor blanks", field->name);
         r->file = field, r->path = r->text.at, r->length = itn__word_length(&r->text);
@@ -11928,6 +12037,9 @@ static void itn__load_file(itn__reader *r) {
     } else if (!result && itn__has_form(r->file, 'p')) {
         memcpy(at, &image, sizeof image), r->image_count++;
         result = itn_image_from_memory(file.bytes, file.size, file.name, context, image, &error);
+    } else if (!result && itn__has_form(r->file, 'b')) {
+        memcpy(at, &file, sizeof file), r->tables[r->table_count++] = bytes;
+        return;
     } else if (!result) {
         result = itn__sky_from_memory(context, &file, (itn_sky *)(void *)at, &error);
     }
@@ -12015,6 +12127,7 @@ ITN_API itn_result itn_scene_from_memory(const void *bytes, size_t size, const c
     result = itn__read_scene(r, scene);
     for (int k = 0; k < ITN__MOST_ITEMS; k++) itn_mesh_free(&r->meshes[k]);
     for (int k = 0; k < 2 * ITN__MOST_ITEMS; k++) itn_image_free(&r->images[k]);
+    for (int k = 0; k < r->table_count; k++) itn__buffer_free(&r->tables[k]);
     itn__free(&own, r);
     return result;
 }
