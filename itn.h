@@ -5354,6 +5354,19 @@ static itn_result itn__make_sky(itn__maker *maker, itn_light_desc *in, itn__ligh
     return itn__make_grid(maker, sky, .5f);
 }
 
+/* What a map has everywhere becomes a constant light, the one after it: that needs no shadow rays,
+   and [value] knows what it brings. */
+static void itn__split_map(itn__maker *maker, itn__light *map) {
+    itn__light *constant = map + 1;
+    int values = 3 * map->width * map->height;
+    for (int c = 0; c < 3; c++) constant->radiance[c] = map->map[c];
+    for (int i = 3; i < values; i++)
+        constant->radiance[i % 3] = itn__min(constant->radiance[i % 3], map->map[i]);
+    for (int i = 0; i < values; i++) map->map[i] -= constant->radiance[i % 3];
+    constant->kind = ITN__LIGHT_CONSTANT, constant->parameter = map->parameter;
+    maker->scene->light_count += itn__luminance(constant->radiance) > 0;
+}
+
 static itn_result itn__make_light(itn__maker *maker, int index) {
     itn_light_desc in = maker->desc->lights[index];
     itn_scene *scene = maker->scene;
@@ -5374,8 +5387,10 @@ static itn_result itn__make_light(itn__maker *maker, int index) {
     if (in.type == ITN_LIGHT_SKY) return itn__make_sky(maker, &in, light);
     if (in.type == ITN_LIGHT_MAP &&
         !itn__copy_texels(maker, in.image, ITN__MAX_RADIANCE, &light->width, &light->height,
-                          &light->map))
+                          &light->map)) {
+        itn__split_map(maker, light);
         itn__make_grid(maker, light, 1);
+    }
     return maker->result;
 }
 
@@ -6465,7 +6480,8 @@ typedef struct itn__path {
     int number, copies;      /* its camera ray in the unit; paths that it stands for */
     int mark;                 /* medium whose V it teaches ([value]), or 0; */
     float mark_depth, mark_cosine, mark_weight[3]; /* where, and beta there; */
-    float brought[3];         /* what it has brought home since */
+    float brought[3];         /* what it has brought home since, */
+    float found[3];           /* and of it from constant light */
 } itn__path;
 enum { /* rows: all, those without scores, and without V */
     ITN__ROWS = offsetof(itn__path, hit) / 4,
@@ -6484,7 +6500,8 @@ enum { ITN__DECAYS = 3, ITN__ORDERS = 5, ITN__TERMS = ITN__DECAYS * ITN__ORDERS 
 typedef float itn__expansion[ITN__DECAYS][ITN__ORDERS];
 typedef struct itn__value {
     float decay;                 /* k, per mean free path: k_i = i k, all below 1 */
-    float mean[3];               /* V as one number, */
+    float mean[3];               /* of what paths bring, */
+    float found[3];              /* and of that from constant light, which V is about: */
     itn__expansion flying[3];    /* V, */
     itn__expansion scattered[3]; /* its mean over a new direction, */
     itn__expansion slope[3];     /* the slope of that by g, */
@@ -6686,7 +6703,7 @@ static void itn__find_hit(const itn_scene *scene, itn__path *path) {
    least-squares fit to lessons; where there is no control variate, their mean for each medium. The
    sums of the normal equations are of whole multiples of powers of two: exact, in any order. */
 
-enum { ITN__LESSON_SUMS = ITN__TERMS * (ITN__TERMS + 3) };
+enum { ITN__LESSON_SUMS = ITN__TERMS * (ITN__TERMS + 3) + 3 };
 #define ITN__TERM_STEPS 4096.
 #define ITN__RIDGE 1e-4 /* of the number of lessons */
 #define ITN__LARGEST_LESSON 1048576. /* units */
@@ -6705,8 +6722,10 @@ static void itn__learn(itn__crowd *crowd) {
         double term[ITN__TERMS], lesson[3] = {0, 0, 0}, mu = path->mark_cosine;
         if (!path->mark) continue;
         for (int c = 0; c < crowd->render->channels; c++) {
-            lesson[c] = path->brought[c] / (path->mark_weight[c] * crowd->render->lesson_unit);
-            lesson[c] = lesson[c] > 0 ? floor(fmin(lesson[c], ITN__LARGEST_LESSON)) : 0;
+            double unit = (double)path->mark_weight[c] * crowd->render->lesson_unit;
+            double all = fmin(path->brought[c] / unit, ITN__LARGEST_LESSON);
+            lesson[c] = floor(fmin(path->found[c] / unit, ITN__LARGEST_LESSON));
+            sums[ITN__LESSON_SUMS - 3 + c] += ITN__TERM_STEPS * floor(all > 0 ? all : 0);
         }
         for (int i = 0; i < ITN__TERMS; i++, sums += ITN__TERMS + 3) { /* e^(-k_i z) P_l(mu) */
             double decay = (double)value->decay * (i / ITN__ORDERS), sum = 0;
@@ -6765,7 +6784,8 @@ static int itn__fit_value(const itn__render *render, itn__substance *substance,
     }
     if (!itn__eliminate(rows, TERMS, WIDTH)) return 0;
     for (int c = 0; c < render->channels; c++) {
-        substance->value.mean[c] = (float)(sums[TERMS + c] * unit / sums[0]);
+        substance->value.mean[c] = (float)(sums[ITN__LESSON_SUMS - 3 + c] * unit / sums[0]);
+        substance->value.found[c] = (float)(sums[TERMS + c] * unit / sums[0]);
         for (int i = 0; i < TERMS; i++) terms[i] = rows[i * WIDTH + TERMS + c];
         itn__value_set(&substance->value, c, terms, substance->g);
     }
@@ -6870,7 +6890,7 @@ ITN__NOINLINE void itn__control_flight(const itn__render *render, const itn__sub
                          beta * (itn__select(crosses, zero, collided) - a->inside[c]);
         collided = itn__select(crosses, a->at_face[c], collided);
         s->flight_base[c] = s->flight_base[c] +
-                            beta * (score * (collided - value->mean[c]) - a->slope[c]);
+                            beta * (score * (collided - value->found[c]) - a->slope[c]);
         itn__difference(s, c, beta * collided, beta * a->mean[c], mask);
     }
 }
@@ -6879,17 +6899,17 @@ ITN__NOINLINE void itn__control_flight(const itn__render *render, const itn__sub
 ITN__NOINLINE void itn__control_direction(const itn__render *render,
                                           const itn__substance *substance, itn__state *s,
                                           const itn__vectors *d, itn__floats score,
-                                          itn__ints mask) {
+                                          itn__floats weight, itn__ints mask) {
     const itn__value *value = &substance->value;
     itn__view view = itn__view_of(substance, s, d, itn__splat(0));
     itn__floats cosine = -itn__vdot(s->up, s->d);
     for (int c = 0; c < render->channels; c++) {
         itn__floats beta = itn__select(mask, s->beta[c], itn__splat(0));
-        itn__floats now = beta * itn__expand_view(&view, value->flying[c], cosine);
+        itn__floats now = beta * weight * itn__expand_view(&view, value->flying[c], cosine);
         itn__difference(s, c, now, beta * itn__expand_view(&view, value->scattered[c], view.cosine),
                         mask);
         if (render->count)
-            s->phase_base[c] = s->phase_base[c] + score * (now - beta * value->mean[c]) -
+            s->phase_base[c] = s->phase_base[c] + score * (now - beta * weight * value->found[c]) -
                                beta * itn__expand_view(&view, value->slope[c], view.cosine);
     }
 }
@@ -7320,9 +7340,10 @@ static void itn__light_collisions(itn__crowd *crowd, int substance, itn__state *
    outside, refracted at the plane of the face (Snell's law; those that go into the plane are
    mirrored). So d has the density (1 - q) p + q p_guide n^2 cos / cos_outside, p being that of the
    phase function. x and y are 1 - and 1 + the cosine to the old direction. */
-ITN__NOINLINE void itn__guide_lanes(const itn__crowd *crowd, const itn__substance *medium,
-                                    itn__state *s, const itn__vectors *old, itn__ints mask,
-                                    itn__floats *x, itn__floats *y) {
+ITN__NOINLINE itn__floats itn__guide_lanes(const itn__crowd *crowd,
+                                           const itn__substance *medium, itn__state *s,
+                                           const itn__vectors *old, itn__ints mask,
+                                           itn__floats *x, itn__floats *y) {
     const itn__light *guide = &crowd->render->scene->guide;
     float n = medium->index;
     itn__floats zero = itn__splat(0), one = itn__splat(1), minus = itn__splat(-1);
@@ -7333,7 +7354,7 @@ ITN__NOINLINE void itn__guide_lanes(const itn__crowd *crowd, const itn__substanc
     itn__floats q = medium->guided * itn__vexp(-itn__most(depth, zero)), pdf = zero;
     s->relief = itn__select(mask, one, s->relief);
     mask &= itn__less(itn__splat(ITN__LEAST_GUIDED), q);
-    if (!itn__mask_bits(mask)) return;
+    if (!itn__mask_bits(mask)) return one;
     itn__ints drawn = mask & itn__less(itn__draw(crowd, s, mask), q);
     if (itn__mask_bits(drawn)) {
         itn__floats u = itn__draw(crowd, s, drawn), v = itn__draw(crowd, s, drawn);
@@ -7357,9 +7378,9 @@ ITN__NOINLINE void itn__guide_lanes(const itn__crowd *crowd, const itn__substanc
     pdf = itn__select(leaves, pdf * (n * n) * cosine / itn__select(leaves, outside, one), zero);
     itn__floats p = itn__hg(itn__constant(itn__splat(medium->g)), *x, *y).v;
     itn__floats weight = itn__select(mask, p / (p + q * (pdf - p)), one);
-    for (int c = 0; c < crowd->render->channels; c++) s->beta[c] = s->beta[c] * weight;
-    weight = itn__most(itn__least(weight, one), itn__splat(FLT_MIN));
-    s->relief = itn__select(mask, weight, s->relief);
+    itn__floats relief = itn__most(itn__least(weight, one), itn__splat(FLT_MIN));
+    s->relief = itn__select(mask, relief, s->relief);
+    return weight;
 }
 
 /* A collision in each lane of the mask: albedo, a shadow ray, a new direction. Returns who goes
@@ -7384,16 +7405,19 @@ static itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state *s, i
     else if (render->scene->last_sampled >= 0) s->dimension += itn__splat_int(3) & mask;
     itn__floats u = itn__draw(crowd, s, mask), v = itn__draw(crowd, s, mask);
     s->d = itn__vselect(mask, itn__sample_hg(d, itn__splat(medium->g), u, v, &x, &y), d);
-    if (medium->guided > 0) itn__guide_lanes(crowd, medium, s, &d, mask, &x, &y);
+    itn__floats weight = itn__splat(1);
+    if (medium->guided > 0) weight = itn__guide_lanes(crowd, medium, s, &d, mask, &x, &y);
     score = zero;
     if (!render->only_constant || render->count) {
         itn__num p = itn__hg(itn__variable(itn__splat(medium->g)), x, y);
         s->pdf = itn__select(mask, p.v, s->pdf), score = itn__select(mask, p.d / p.v, zero);
     }
-    if (render->controls) itn__control_direction(render, medium, s, &d, score, mask);
+    if (render->controls) itn__control_direction(render, medium, s, &d, score, weight, mask);
     s->phases = s->phases + score;
-    for (int c = 0; c < render->channels; c++)
+    for (int c = 0; c < render->channels; c++) {
+        s->beta[c] = s->beta[c] * weight;
         s->phase_base[c] = s->phase_base[c] + score * s->beta[c] * medium->value.mean[c];
+    }
     return mask;
 }
 
@@ -7426,7 +7450,10 @@ static void itn__mark_flights(itn__crowd *crowd, int substance, const itn__state
         path->mark = substance;
         path->mark_depth = ITN__LANE(view.depth, k), path->mark_cosine = ITN__LANE(view.cosine, k);
         for (int c = 0; c < 3; c++)
-            path->mark_weight[c] = ITN__LANE(s->beta[c], k), path->brought[c] = 0;
+            {
+            path->mark_weight[c] = ITN__LANE(s->beta[c], k);
+            path->brought[c] = path->found[c] = 0;
+        }
     }
 }
 
@@ -7688,8 +7715,10 @@ static void itn__outside_lanes(itn__crowd *crowd, int number, itn__state *s, itn
    end. */
 static void itn__escape_path(itn__crowd *crowd, itn__path *path, float mis, const float light[3]) {
     float value[3] = {0, 0, 0};
-    for (int c = 0; c < crowd->render->channels; c++)
+    for (int c = 0; c < crowd->render->channels; c++) {
         value[c] = (float)path->copies * path->beta[c] * light[c];
+        path->found[c] += path->beta[c] * crowd->render->constant[c];
+    }
     itn__bring_home(crowd, path, mis, 1, value);
     itn__end(crowd, path, 0);
 }
@@ -7834,6 +7863,7 @@ static void itn__run_unit(itn__crowd *crowd) {
 }
 
 #define ITN__LESSONS 32768. /* paths that V is learnt from */
+#define ITN__KNOWN_LIGHT .3 /* constant light over other light that is worth it */
 
 /* What the fast walk knows once it has its tables: the numbers of all media at theta, where the
    camera is, and what is known of the lights. Returns 0 if there is no memory. */
@@ -7882,13 +7912,16 @@ static int itn__fast_know(itn__render *render) {
     }
     level /= 4 * (double)ITN__PI;
     render->shadow_cut = (float)(ITN__SHADOW_LEVEL * level) * brightest;
+    float constant = render->constant[0];
+    for (int c = 1; c < 3 && render->channels == 3; c++) constant += render->constant[c];
+    int knows = constant > ITN__KNOWN_LIGHT * render->channels * level;
     level += render->constant[0] + render->constant[1] + render->constant[2];
     render->lesson_unit = level > 0 ? ldexp(1, ilogb(level) - 12) : 1;
     render->roulette = render->count ? ITN__ROULETTE / 2 : ITN__ROULETTE;
     render->learns = render->options.estimator == ITN_ESTIMATOR_BASELINE && scene->medium_count;
-    /* it pays with one medium in light that is everywhere the same, and many paths; derivatives
+    /* it pays with one medium, much light that is everywhere the same, and many paths; derivatives
        learn V anyway */
-    render->controls = render->learns && render->only_constant && scene->medium_count == 1 &&
+    render->controls = render->learns && knows && scene->medium_count == 1 &&
                        render->samples * render->walks >= (render->count ? 1 : 4) * ITN__LESSONS;
     render->learns &= render->count || render->controls;
     render->rows = render->count ? ITN__ROWS : render->controls ? ITN__VALUE_ROWS : ITN__FEW_ROWS;

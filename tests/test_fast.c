@@ -986,10 +986,11 @@ static void check_guide(int which, int planted) {
         s.p = itn__splat_vector(itn__vec3(0, 0, 0)), s.up = up;
         s.d = itn__sample_hg(old, itn__splat(medium->g), u, v, &x, &y);
         phase_only = itn__vdot(s.d, up);
-        itn__guide_lanes(in.render.workers[0].crowd, medium, &s, &old, itn__splat_int(-1), &x, &y);
+        itn__floats weight = itn__guide_lanes(in.render.workers[0].crowd, medium, &s, &old,
+                                              itn__splat_int(-1), &x, &y);
         cosine = itn__vdot(s.d, up);
         for (k = 0; k < ITN__LANES; k++) {
-            double w = ITN__LANE(s.beta[0], k), f[3];
+            double w = ITN__LANE(weight, k), f[3];
             f[0] = w, f[1] = w * (1 - (double)ITN__LANE(x, k));
             f[2] = w * (ITN__LANE(cosine, k) > .9f) - (ITN__LANE(phase_only, k) > .9f);
             turned += ITN__LANE(cosine, k) != ITN__LANE(phase_only, k);

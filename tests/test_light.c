@@ -108,8 +108,9 @@ static double map_value(const itn_image *map, double u, double v) {
 
 /* ---- maps ------------------------------------------------------------------------------------ */
 
-/* Density: integrates to 1 over the sphere, agrees with a histogram of the draws; the mean of
-   radiance / density is the map's power, and its relative spread is at most largest_spread. */
+/* A map becomes what it has everywhere, a constant light, and the rest, which is sampled. Density:
+   integrates to 1 over the sphere, agrees with a histogram of the draws; the mean of radiance /
+   density is the rest's power, and its relative spread is at most largest_spread. */
 static void check_map(int width, int height, int kind, double largest_spread, double factor) {
     enum { COLUMNS = 12, ROWS = 8, FINE = 160, DRAWS = 200000 };
     itn_image map = make_map(width, height, kind);
@@ -117,10 +118,12 @@ static void check_map(int width, int height, int kind, double largest_spread, do
     itn_scene *scene = plane_scene(&desc, 1, 4);
     const itn__light *light = &scene->lights[0];
     const itn__light_model *model = &itn__light_models[light->kind];
+    float constant = scene->lights[1].radiance[0];
     itn__rng rng = itn__rng_make(4, (uint64_t)(width * 100 + height), (uint64_t)kind);
     itn__towards to;
     itn__floats rgb[3], pdf, x, y;
     double expected[ROWS][COLUMNS], power = 0, total = 0, mean = 0, square = 0, spread, worst = 0;
+    double least = INFINITY;
     int counts[ROWS][COLUMNS], r, c, a, b, k, l;
     memset(counts, 0, sizeof counts), memset(expected, 0, sizeof expected);
     for (r = 0; r < ROWS; r++)
@@ -138,13 +141,18 @@ static void check_map(int width, int height, int kind, double largest_spread, do
                     itn__map_coordinates(&to);
                     model->radiance(light, 3, &to, rgb), pdf = model->pdf(light, &to);
                     for (l = 0; l < ITN__LANES; l++) {
-                        worst = fmax(worst, fabs((double)ITN__LANE(rgb[0], l) -
+                        worst = fmax(worst, fabs((double)(ITN__LANE(rgb[0], l) + constant) -
                                                  map_value(&map, u[l], v)));
                         expected[r][c] += factor * ITN__LANE(pdf, l) * area;
                         power += ITN__LANE(rgb[0], l) * area;
                     }
                 }
     CHECK_NEAR(worst, 0, kind == 2 ? .05 : 1e-4);
+    CHECK(scene->light_count == 1 + (constant > 0) && scene->last_sampled == (kind == 4 ? -1 : 0));
+    for (k = 0; k < width * height; k++) least = fmin(least, (double)map.pixels[k]);
+    CHECK_NEAR(constant, least, 1e-7 * least);
+    if (kind == 4) CHECK_NEAR(power, 0, 1e-4);
+    if (kind == 4) goto done; /* nothing is sampled */
     x = y = itn__splat(0);
     for (k = 0; k < DRAWS; k += ITN__LANES) {
         for (l = 0; l < ITN__LANES; l++)
@@ -176,6 +184,7 @@ static void check_map(int width, int height, int kind, double largest_spread, do
     check_report(spread <= largest_spread, __FILE__, __LINE__,
                  "map %d x %d kind %d: radiance / density spreads by %.3f", width, height, kind,
                  spread);
+done:
     itn_scene_free(scene);
     itn_image_free(&map);
 }
@@ -330,6 +339,7 @@ static void check_plane(const itn_light_desc *desc, const itn_image *map, int ch
     solids_need(itn_render(scene, NULL, &options, NULL, 0, &image, &error), &error);
     mean = solids_plane_mean(&image, map ? "Y" : value[channel],
                              map ? "Variance.Y" : variance[channel]);
+    mean.error += 1e-6 * expected; /* of quadrature: a constant map has no variance */
     CHECK_MEAN(mean.value, mean.error, expected, 4, .01 * expected);
     relative = pow(mean.error / mean.value, 2) * 128 * 256;
     check_report(relative < largest, __FILE__, __LINE__, "relative variance per sample %.3f",
