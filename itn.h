@@ -1155,16 +1155,17 @@ ITN__INLINE float itn__uniform(itn__rng *rng) { return itn__unit_float(itn__rng_
 /* ---- [lanes] many floats at a time, functions of them, and numbers with a slope ------------- */
 
 /* The fast walk, the wide hierarchy and the network work on ITN__LANES numbers at once: 16 with
-   AVX-512, 8 with AVX2, otherwise 4, on the vector extensions of GCC and Clang; 1 with ITN_NO_SIMD
-   or another compiler. Arithmetic is written with the operators + - * / & | ^ ~ << >>, which mean
-   the same for a vector and for a number; all else is said by the words of this chapter, so that
-   one text serves every width.
+   AVX-512, 8 with AVX2, otherwise 4, on the vector extensions of GCC and Clang; 1 with ITN_NO_SIMD,
+   another compiler, or where floats are computed as wider numbers (x87). Arithmetic is written with
+   the operators + - * / & | ^ ~ << >>, which mean the same for a vector and for a number; all else
+   is said by the words of this chapter, so that one text serves every width.
      itn__floats  float lanes
      itn__ints    int32_t lanes; also masks, with -1 for true and 0 for false
      itn__words   uint32_t lanes, for bits and random numbers
    Simple words are macros, since each call of an inline function costs the compiler time. Memory
    holds plain arrays, loaded and stored at any alignment. */
-#if !defined(ITN_NO_SIMD) && (defined(__clang__) || (defined(__GNUC__) && __GNUC__ >= 9))
+#if !defined(ITN_NO_SIMD) && (defined(__clang__) || (defined(__GNUC__) && __GNUC__ >= 9)) &&      \
+    __FLT_EVAL_METHOD__ != 1 && __FLT_EVAL_METHOD__ != 2
 #if defined(__AVX512F__) && defined(__AVX512DQ__)
 #define ITN__LANES 16
 #elif defined(__AVX2__)
@@ -10717,12 +10718,12 @@ static void itn__exr_block(itn__text *text, itn__exr *exr, itn_image *image) {
     int64_t end = y + exr->lines <= data[3] ? y + exr->lines : data[3] + 1;
     size_t size = itn__take_u32(text), raw = exr->line * (size_t)(end - y);
     int method = size < raw ? exr->compression : ITN__EXR_NONE;
-    unsigned char *coded = exr->scratch, *plain = coded + raw;
+    unsigned char *coded = exr->scratch, *plain;
     const unsigned char *at = NULL;
     if (row < 0 || y >= end || row % exr->lines || exr->seen[row / exr->lines]++)
         text->at = in.at, ITN__DAMAGED(text, "is none, or is there twice");
     if (text->result) return;
-    in = itn__take_part(text, size);
+    in = itn__take_part(text, size), plain = coded + raw;
     if (method == ITN__EXR_NONE) at = itn__take_bytes(&in, raw);
     else if (method > ITN__EXR_RLE) itn__zlib_decode(&in, coded, raw);
     for (size_t made = 0, n, length; method == ITN__EXR_RLE && made < raw; made += length) {
@@ -10942,8 +10943,9 @@ static ITN__COLD void itn__png_decode(itn__text *text, itn_image *image) {
                                         text->context, image, text->error);
     for (int k = 0; k < image->plane_count; k++)
         image->names[k][0] = k == png.colours ? 'A' : "YRGB"[k + png.colours / 3];
-    image->gamma = png.gamma, image->codes = (int)codes - 1;
-    text->start = text->at = (const char *)png.data.bytes, text->end = text->at + png.data.size;
+    image->gamma = png.gamma, image->codes = (int)(codes - 1);
+    text->start = text->at = text->end = (const char *)png.data.bytes;
+    if (png.data.size) text->end += png.data.size;
     text->part = "PNG row", text->number = 0;
     size_t size = line * (size_t)png.height + line;
     float *light = text->result ? NULL

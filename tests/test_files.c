@@ -5,6 +5,7 @@
 #include "../itn.h"
 #include "accountant.h"
 #include "check.h"
+#include "fuzz.h"
 #include <fcntl.h>
 #include <signal.h>
 #include <sys/resource.h>
@@ -2150,6 +2151,20 @@ static void remove_directory(void) {
     CHECK(rmdir(directory) == 0); /* nothing else was left in it */
 }
 
+/* ---- what searches for bad bytes have kept ---- */
+
+static int fuzz_leak;
+static void fuzz_again(const char *kind, int number, const unsigned char *bytes, size_t size) {
+    int before = check_failed;
+    fuzz_one(kind, bytes, size, fuzz_leak);
+    if (check_failed > before) printf("  by line %d of corpus/%s.txt\n", number + 1, kind);
+}
+static void check_corpora(int leak) {
+    static const char *const kinds[] = {"scene", "obj", "ply", "exr", "pfm", "png", "net", "desc"};
+    fuzz_leak = leak;
+    for (int k = 0; k < 8; k++) CHECK(fuzz_corpus(kinds[k], fuzz_again) >= 20);
+}
+
 int main(void) {
     strcpy(directory, "/tmp/itn-files-XXXXXX");
     if (!mkdtemp(directory)) return printf("no temporary directory\n"), 1;
@@ -2215,6 +2230,8 @@ int main(void) {
     CHECK_CATCHES(check_power_loss("rsd"));
     check_writers(0);
     CHECK_CATCHES(check_writers(1));
+    check_corpora(0);
+    CHECK_CATCHES(check_corpora(1));
     remove_directory();
     return check_end("files");
 }
