@@ -5885,6 +5885,7 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
 }
 
 /* Pixels and samples that are rendered together, and where a crowd has got to. */
+enum { ITN__TILE = 8 }; /* pixels along a square, at most */
 typedef struct itn__unit {
     int x, y, side;   /* a square of pixels, of which some may be beyond the film */
     int first, count; /* camera rays of each */
@@ -6490,7 +6491,7 @@ enum { /* rows: all, those without scores, and without V */
     ITN__FEW_ROWS = offsetof(itn__path, control) / 4
 };
 
-enum { ITN__CROWD = 1024 };
+enum { ITN__CROWD = 512 };
 typedef struct itn__queue {
     int count;
     int32_t slots[ITN__CROWD];
@@ -6528,7 +6529,8 @@ typedef struct itn__crowd {
     itn__queue exact, sky;
     itn__queue *walk, *surface;    /* per substance; per surface */
     float *radiance; /* [camera rays of a unit][planes] */
-    float film[2][ITN__LANES]; /* places on the film of some samples of the pixel at hand */
+    float film[2][ITN__LANES]; /* places on the film of some samples of the pixel at hand; */
+    int corners[(ITN__TILE + 1) * (ITN__TILE + 1)]; /* what is seen there, if it matters */
     float *scores;   /* of all paths and rays */
     double *lessons; /* [1 + medium_count][ITN__LESSON_SUMS], where V is learnt */
     double collisions;
@@ -7781,7 +7783,7 @@ static itn__path *itn__start_path(itn__crowd *crowd, size_t pixel, int sample, i
         if (render->count && render->slots[exposure] >= 0)
             path->scores[render->slots[exposure]] = 1 / render->theta[exposure];
     }
-    path->pdf = INFINITY, path->copies = 1, path->relief = 1;
+    path->number = crowd->unit.next, path->copies = 1, path->pdf = INFINITY, path->relief = 1;
     path->up.y = 1; /* some plane, for paths that begin in a medium */
     path->index = sample % render->set * render->walks + walk;
     path->scramble = (int32_t)set.key0;
@@ -7791,10 +7793,10 @@ static itn__path *itn__start_path(itn__crowd *crowd, size_t pixel, int sample, i
 
 /* A path that meets nothing, which stands for all of its camera ray, sees the background or the
    lights. */
-static void itn__see_through(itn__crowd *crowd, itn__path *path) {
+static void itn__see_through(itn__crowd *crowd, itn__path *path, int copies) {
     const itn__render *render = crowd->render;
     int background = render->scene->camera.background;
-    path->copies = render->walks;
+    path->copies = copies;
     for (int c = 0; c < render->channels && background >= 0; c++) {
         int slot = render->count ? render->slots[background + c] : -1;
         itn__bring_scored(crowd, path, c, (float)path->copies * render->theta[background + c]);
@@ -7805,50 +7807,77 @@ static void itn__see_through(itn__crowd *crowd, itn__path *path) {
     else itn__enqueue(crowd, &crowd->sky, path);
 }
 
-/* Starts the paths of the unit's next camera ray. */
-static void itn__start_ray(itn__crowd *crowd) {
+/* Starts those paths of a sample that share camera ray number `ray` of `rays`. */
+static void itn__start_ray(itn__crowd *crowd, size_t pixel, int sample, int ray, int rays) {
     const itn__render *render = crowd->render;
-    int number = crowd->unit.next++, width = render->scene->film.width;
-    size_t pixel;
-    int sample = itn__unit_sample(render, &crowd->unit, number, &pixel);
-    if (sample < 0) return;
-    itn__path *path = itn__start_path(crowd, pixel, sample, 0), seen;
-    int lane = sample % render->set % ITN__LANES, begins = !lane || number % crowd->unit.count == 0;
-    itn__ints index = itn__lane_numbers() + itn__splat_int(sample % render->set - lane);
+    int width = render->scene->film.width;
+    itn__path *path = itn__start_path(crowd, pixel, sample, ray);
+    int index = rays > 1 ? path->index : sample % render->set, lane = index % ITN__LANES;
+    int begins = !lane || (!ray && crowd->unit.next % crowd->unit.count == 0);
+    itn__ints all = itn__lane_numbers() + itn__splat_int(index - lane);
     itn__rng rng = {(uint32_t)path->key0, (uint32_t)path->key1, 0};
     int sobol = render->options.sampler == ITN_SAMPLER_SOBOL;
     float u[2];
     for (int k = 0; k < 2; k++) { /* a vector of samples at a time */
         if (sobol && begins)
-            itn__store(crowd->film[k], itn__sobol(itn__int_words(index), k,
+            itn__store(crowd->film[k], itn__sobol(itn__int_words(all), k,
                                                   itn__splat_word(path->scramble)));
         u[k] = sobol ? crowd->film[k][lane] : itn__uniform(&rng);
     }
-    itn_ray ray = itn__camera_ray(render->scene, (int)(pixel % (size_t)width),
-                                  (int)(pixel / (size_t)width), u[0], u[1]);
-    path->p = ray.origin, path->d = ray.direction, path->distance = INFINITY;
+    itn_ray line = itn__camera_ray(render->scene, (int)(pixel % (size_t)width),
+                                   (int)(pixel / (size_t)width), u[0], u[1]);
+    path->p = line.origin, path->d = line.direction, path->distance = INFINITY;
     path->hit.triangle = -1;
     if (render->outside) itn__find_hit(render->scene, path);
-    path->number = number, seen = *path;
-    if (render->outside && seen.hit.triangle < 0) {
-        itn__see_through(crowd, path);
+    itn_hit hit = path->hit;
+    if (render->outside && hit.triangle < 0) {
+        itn__see_through(crowd, path, render->walks / rays);
         return;
     }
-    for (int walk = 0; walk < render->walks; walk++) {
-        if (walk) path = itn__start_path(crowd, pixel, sample, walk);
-        path->p = seen.p, path->d = seen.d, path->hit = seen.hit, path->number = number;
+    for (int walk = ray; walk < render->walks; walk += rays) {
+        if (walk > ray) path = itn__start_path(crowd, pixel, sample, walk);
+        path->p = line.origin, path->d = line.direction, path->hit = hit;
         if (render->outside) itn__meet(crowd, 0, path);
         else itn__depart(crowd, path);
     }
 }
 
+/* In light that is everywhere the same what a camera ray meets matters most at edges, where rays
+   through the corners of a pixel do not all meet the same object: finds these objects, -1: none. */
+static void itn__see_corners(itn__crowd *crowd) {
+    const itn_scene *scene = crowd->render->scene;
+    int x = crowd->unit.x, y = crowd->unit.y, row = crowd->unit.side + 1;
+    for (int i = 0; i < row * row; i++) {
+        itn_ray ray = itn__camera_ray(scene, x + i % row, y + i / row, 0, 0);
+        itn_hit hit;
+        int meets = itn_bvh_nearest(scene->bvh, &ray, &hit);
+        crowd->corners[i] = meets ? scene->bvh->triangles[hit.triangle].object : -1;
+    }
+}
+
+/* Starts the paths of the unit's next sample, with one camera ray for all of them; at edges, with
+   one for each. */
+static void itn__start_sample(itn__crowd *crowd) {
+    const itn__unit *unit = &crowd->unit;
+    int cell = unit->next / unit->count, row = unit->side + 1, rays = 1;
+    const int *corner = &crowd->corners[cell / unit->side * row + cell % unit->side];
+    size_t pixel;
+    int sample = itn__unit_sample(crowd->render, unit, unit->next, &pixel);
+    if (corner[0] != corner[1] || corner[0] != corner[row] || corner[0] != corner[row + 1])
+        rays = crowd->render->walks;
+    for (int ray = 0; ray < rays && sample >= 0; ray++)
+        itn__start_ray(crowd, pixel, sample, ray, rays);
+    crowd->unit.next++;
+}
+
 /* Follows all paths of the unit to their ends. */
 static void itn__run_unit(itn__crowd *crowd) {
     const itn_scene *scene = crowd->render->scene;
+    if (crowd->render->only_constant && crowd->render->least >= 8) itn__see_corners(crowd);
     while (itn__unit_paths_left(crowd) || crowd->unused_count < ITN__CROWD) {
         itn__learn(crowd);
         while (crowd->unused_count >= crowd->render->walks && itn__unit_paths_left(crowd))
-            itn__start_ray(crowd);
+            itn__start_sample(crowd);
         for (int m = 0; m < scene->surface_count; m++)
             itn__run_lanes(crowd, &crowd->surface[m], m, itn__scatter_lanes);
         for (int m = 1; m <= scene->medium_count; m++) {
@@ -8252,7 +8281,7 @@ static void itn__render_worker(void *task, int index) {
     }
 }
 
-enum { ITN__TILE = 8, ITN__UNIT_PATHS = 16384 }; /* at most, or for one set more */
+enum { ITN__UNIT_PATHS = 16384 }; /* of a unit, at most, or for one set more */
 
 /* Divides the work, and takes memory for it. Small pictures have small tiles, so that there is work
    for many. */

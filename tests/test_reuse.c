@@ -198,7 +198,7 @@ static void test_late_roulette(int draws) {
 /* Lossless and thick, in light 1: exactly 1 is what a pixel shows. The fast walk's paths here begin
    as if they had drawn the many numbers from which on roulette ends them. The error is that of the paths' own variance. planted: of the right value. */
 static void test_late_furnace(double planted) {
-    enum { PATHS = 1000, ROUNDS = 4 };
+    enum { PATHS = 500, ROUNDS = 8 };
     itn_mesh mesh = solids_box(solids_vec3(-.5, -.5, -.5), solids_vec3(.5, .5, .5));
     itn__render render;
     itn_render_options options = ITN_ZERO;
@@ -226,7 +226,7 @@ static void test_late_furnace(double planted) {
         memset(crowd->radiance, 0, PATHS * sizeof(float));
         memset(&crowd->unit, 0, sizeof crowd->unit);
         crowd->unit.side = 1, crowd->unit.count = PATHS;
-        for (k = 0; k < PATHS; k++) itn__start_ray(crowd);
+        for (k = 0; k < PATHS; k++) itn__start_sample(crowd);
         CHECK(crowd->unused_count == ITN__CROWD - PATHS);
         for (k = 0; k < ITN__CROWD; k++) crowd->paths[k].dimension = ITN__MANY_DRAWS;
         itn__run_unit(crowd);
