@@ -129,6 +129,7 @@ typedef struct solids_desc {
     const itn_mesh *mesh;
     double sigma_t, albedo, g;
     double ior, alpha;
+    itn_distribution distribution;
     const itn_image *map; /* instead of the constant light */
     const itn_light_desc *light; /* instead of map and constant light */
     itn_vec3 eye, target, up;
@@ -148,6 +149,7 @@ SOLIDS_STATIC itn_scene *solids_scene(const solids_desc *in) {
     medium.name = "m", medium.sigma_t = (float)in->sigma_t, medium.g = (float)in->g;
     for (k = 0; k < 3; k++) medium.albedo[k] = (float)in->albedo, light.radiance[k] = 1;
     surface.name = "s", surface.ior = (float)in->ior, surface.alpha = (float)in->alpha;
+    surface.distribution = in->distribution;
     object.mesh = in->mesh;
     object.medium = in->sigma_t < 0 ? NULL : "m";
     object.surface = in->ior != 0 ? "s" : NULL;

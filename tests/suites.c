@@ -31,6 +31,9 @@
 #define main suite_net
 #include "test_net.c"
 #undef main
+#define main suite_opaque
+#include "test_opaque.c"
+#undef main
 #define main suite_refine
 #include "test_refine.c"
 #undef main
@@ -63,7 +66,7 @@ int main(int count, char **words) {
         int (*run)(void);
     } suites[] = {
         SUITE(fast), SUITE(files), SUITE(geometry), SUITE(lanes), SUITE(light),
-        SUITE(light_lanes), SUITE(medium), SUITE(net), SUITE(refine), SUITE(reuse),
+        SUITE(light_lanes), SUITE(medium), SUITE(net), SUITE(opaque), SUITE(refine), SUITE(reuse),
         SUITE(scenefile), SUITE(sobol), SUITE(spectral), SUITE(surface), SUITE(texels),
         SUITE(voxels)
     };

@@ -1,0 +1,349 @@
+/* Opaque surfaces: each model against a formula of its own in double, in values and slopes; its
+   sampler against its density; energy and reciprocity; then in pictures by both walks, against
+   quadrature and differences, and found again from a picture. */
+#define ITN_IMPLEMENTATION
+#include "../itn.h"
+#include "check.h"
+#include "solids.h"
+
+static const double opaque_pi = 3.14159265358979323846;
+
+/* ---- f, without cosine, of parameters in the order of theta ---------------------------------- */
+
+typedef struct opaque_vector {
+    double x, y, z;
+} opaque_vector;
+
+static opaque_vector opaque_at(double theta, double phi) {
+    opaque_vector v = {sin(theta) * cos(phi), sin(theta) * sin(phi), cos(theta)};
+    return v;
+}
+static double opaque_dot(opaque_vector a, opaque_vector b) {
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+static opaque_vector opaque_sum(opaque_vector a, opaque_vector b) {
+    opaque_vector v = {a.x + b.x, a.y + b.y, a.z + b.z};
+    return v;
+}
+
+/* Fresnel of index n = eta - i k by complex numbers: n cos(theta_t) = sqrt(n^2 - sin^2). */
+static double metal_fresnel(double c, double eta, double k) {
+    double re = eta * eta - k * k, im = -2 * eta * k, s2 = 1 - c * c;
+    double r = sqrt(hypot(re - s2, im)), angle = .5 * atan2(im, re - s2);
+    double a = r * cos(angle), b = r * sin(angle); /* a + i b */
+    double s = (pow(c - a, 2) + b * b) / (pow(c + a, 2) + b * b);
+    double p = (pow(re * c - a, 2) + pow(im * c - b, 2)) /
+               (pow(re * c + a, 2) + pow(im * c + b, 2));
+    return .5 * (s + p);
+}
+
+static double metal(const double *p, opaque_vector i, opaque_vector o, int beckmann) {
+    opaque_vector h = opaque_sum(i, o);
+    double length = sqrt(opaque_dot(h, h)), alpha = p[3], theta = acos(h.z / length), g = 1, d;
+    double slope = tan(theta) / alpha;
+    d = beckmann ? exp(-slope * slope) : 1 / pow(1 + slope * slope, 2);
+    d /= opaque_pi * alpha * alpha * pow(cos(theta), 4);
+    for (int k = 0; k < 2; k++) {
+        double t = alpha * tan(acos(k ? o.z : i.z)), a = 1 / t;
+        if (!beckmann) g *= 2 / (1 + sqrt(1 + t * t));
+        else if (a < 1.6) g *= (3.535 * a + 2.181 * a * a) / (1 + 2.276 * a + 2.577 * a * a);
+    }
+    return p[0] * metal_fresnel(length / 2, p[1], p[2]) * d * g / (4 * i.z * o.z);
+}
+static double metal_ggx(const double *p, opaque_vector i, opaque_vector o) {
+    return metal(p, i, o, 0);
+}
+static double metal_beckmann(const double *p, opaque_vector i, opaque_vector o) {
+    return metal(p, i, o, 1);
+}
+
+static double oren_nayar(const double *p, opaque_vector i, opaque_vector o) {
+    double s2 = pow(p[1] * opaque_pi / 180, 2), ti = acos(i.z), to = acos(o.z);
+    double turn = cos(atan2(i.y, i.x) - atan2(o.y, o.x));
+    double b = .45 * s2 / (s2 + .09) * fmax(0, turn) * sin(fmax(ti, to)) * tan(fmin(ti, to));
+    return p[0] / opaque_pi * (1 - .5 * s2 / (s2 + .33) + b);
+}
+
+static double ward(const double *p, opaque_vector i, opaque_vector o, double across) {
+    opaque_vector h = opaque_sum(i, o);
+    double e = (pow(h.x / p[1], 2) + pow(h.y / across, 2)) / (h.z * h.z);
+    return p[0] / (opaque_pi * p[1] * across) * exp(-e) * opaque_dot(h, h) / pow(h.z, 4);
+}
+static double ward_round(const double *p, opaque_vector i, opaque_vector o) {
+    return ward(p, i, o, p[1]);
+}
+static double ward_long(const double *p, opaque_vector i, opaque_vector o) {
+    return ward(p, i, o, p[2]);
+}
+
+static double ashikhmin(const double *p, opaque_vector i, opaque_vector o, double nv) {
+    opaque_vector h = opaque_sum(i, o);
+    double l = sqrt(opaque_dot(h, h)), nu = p[2], power, f, ground;
+    h.x /= l, h.y /= l, h.z /= l;
+    power = (nu * h.x * h.x + nv * h.y * h.y) / (h.x * h.x + h.y * h.y);
+    f = p[1] + (1 - p[1]) * pow(1 - l / 2, 5);
+    ground = 28 * p[0] / (23 * opaque_pi) * (1 - p[1]) * (1 - pow(1 - i.z / 2, 5)) *
+             (1 - pow(1 - o.z / 2, 5));
+    return sqrt((nu + 1) * (nv + 1)) / (8 * opaque_pi) * pow(h.z, power) /
+           (l / 2 * fmax(i.z, o.z)) * f + ground;
+}
+static double ashikhmin_round(const double *p, opaque_vector i, opaque_vector o) {
+    return ashikhmin(p, i, o, p[2]);
+}
+static double ashikhmin_long(const double *p, opaque_vector i, opaque_vector o) {
+    return ashikhmin(p, i, o, p[3]);
+}
+
+/* ---- the models ------------------------------------------------------------------------------ */
+
+enum { OPAQUE_MODELS = 9, OPAQUE_MOST = 4 };
+static const struct opaque_model {
+    const char *text; /* of its line in a scene file */
+    double (*f)(const double *p, opaque_vector i, opaque_vector o);
+    int count;
+    double furnace; /* no more than this leaves */
+} opaque_models[OPAQUE_MODELS] = {
+    {"conductor reflectance .9 eta .2 k 3.9 alpha .3", metal_ggx, 4, .9},
+    {"conductor eta 2.9 k 3.1 alpha .08", metal_ggx, 4, 1},
+    {"conductor reflectance .8 eta 1.5 k .01 alpha .4 distribution beckmann", metal_beckmann, 4,
+     .8},
+    {"rough_diffuse reflectance .7 sigma 30", oren_nayar, 2, 1},
+    {"rough_diffuse reflectance .7 sigma 80", oren_nayar, 2, 1},
+    {"ward reflectance .6 alpha_x .2", ward_round, 2, .6},
+    {"ward reflectance .5 alpha_x .15 alpha_y .5", ward_long, 3, .5},
+    {"ashikhmin reflectance .5 specular .3 nu 60", ashikhmin_round, 3, 1},
+    {"ashikhmin reflectance .6 specular .05 nu 10 nv 200", ashikhmin_long, 4, 1}};
+
+/* A scene of one surface, a plane of it in light 1 (or another object and light), seen from
+   direction d, of which a line's end is given too. */
+static itn_scene *opaque_scene(const char *surface, opaque_vector d, const char *rest) {
+    char text[2000];
+    itn_scene *scene = NULL;
+    itn_error error;
+    snprintf(text, sizeof text,
+             "film width 4 height 4\ncamera eye %.8g %.8g %.8g target 0 0 0 up .1 .2 .9 fov .01\n"
+             "surface s type %s\n%s\n", 9 * d.x, 9 * d.y, 9 * d.z, surface,
+             rest ? rest : "object plane surface s\nlight constant radiance 1");
+    solids_need(itn_scene_from_memory(text, strlen(text), NULL, NULL, 0, NULL, &scene, &error),
+                &error);
+    return scene;
+}
+
+typedef struct opaque_case {
+    const struct opaque_model *model;
+    itn_scene *scene;
+    float theta[32];
+    double p[OPAQUE_MOST];
+    itn__site site;
+    itn__factor factor; /* its seeds are all parameters, in their order */
+    opaque_vector i;
+} opaque_case;
+
+static void opaque_begin(opaque_case *c, int model, opaque_vector i) {
+    itn__floats zero = itn__splat(0), one = itn__splat(1);
+    itn__vectors n = itn__vectors_of(zero, zero, one), x = itn__vectors_of(one, zero, zero);
+    itn__vectors d = itn__vectors_of(itn__splat((float)-i.x), itn__splat((float)-i.y),
+                                     itn__splat((float)-i.z));
+    opaque_vector up = {0, 1, 0};
+    c->model = &opaque_models[model], c->i = i;
+    c->scene = opaque_scene(c->model->text, up, NULL);
+    itn_parameter_values(c->scene, c->theta);
+    itn__site_make(&c->site, c->scene->surfaces, c->theta, 1, &n, &x, &d);
+    CHECK(c->scene->surfaces->count == c->model->count && !c->site.smooth);
+    c->factor.count = 0;
+    for (int k = 0; k < c->model->count; k++) {
+        c->p[k] = (double)c->theta[c->scene->surfaces->first + k];
+        itn__add_seed(&c->factor, c->scene->surfaces->first + k, k);
+    }
+}
+
+static double opaque_uniform(itn__rng *rng) { return (double)itn__uniform(rng); }
+
+/* f cos(theta_o) and its slopes in single directions; back: f is that of the other way. */
+static void opaque_values(int model, double theta, double phi, double planted) {
+    opaque_case c, back;
+    itn__rng rng = itn__rng_make(5, (uint64_t)model, (uint64_t)(theta * 100));
+    opaque_begin(&c, model, opaque_at(theta, phi));
+    for (int n = 0; n < 150; n++) {
+        double turn = 2 * opaque_pi * opaque_uniform(&rng), spread = n % 2 ? .3 : 1.5, f;
+        opaque_vector o = opaque_at(spread * opaque_uniform(&rng), turn), mirrored = c.i;
+        itn__ints through;
+        itn__floats pdf;
+        if (n % 2) { /* around the mirrored direction */
+            mirrored.x += o.x, mirrored.y += o.y, mirrored.x *= -1, mirrored.y *= -1;
+            double l = sqrt(opaque_dot(mirrored, mirrored));
+            o.x = mirrored.x / l, o.y = mirrored.y / l, o.z = mirrored.z / l;
+        }
+        o.x = (float)o.x, o.y = (float)o.y, o.z = (float)o.z;
+        itn__vectors to = itn__vectors_of(itn__splat((float)o.x), itn__splat((float)o.y),
+                                          itn__splat((float)o.z));
+        itn__bsdf_eval(&c.site, &to, &c.factor, &pdf, &through);
+        f = c.model->f(c.p, c.i, o) * o.z;
+        if (f < 1e-20) continue;
+        double got = (double)ITN__LANE(c.factor.value[0], ITN__LANES - 1);
+        check_report(fabs(got - f * planted) < 1e-4 * f, __FILE__, __LINE__,
+                     "%s: f %.8g, not %.8g", c.model->text, got, f);
+        for (int k = 0; k < c.model->count; k++) {
+            double p[OPAQUE_MOST], h = 1e-4 * c.p[k], slope;
+            memcpy(p, c.p, sizeof p);
+            p[k] += h, slope = c.model->f(p, c.i, o);
+            p[k] -= 2 * h, slope = (slope - c.model->f(p, c.i, o)) * o.z / (2 * h);
+            got = (double)ITN__LANE(c.factor.slope[k][0], ITN__LANES - 1);
+            check_report(fabs(got - slope) < 1e-4 * (fabs(slope) + f / c.p[k]), __FILE__,
+                         __LINE__, "%s: slope %d %.8g, not %.8g", c.model->text, k, got, slope);
+        }
+        if (n % 10) continue;
+        opaque_begin(&back, model, o);
+        to = itn__vectors_of(itn__splat((float)c.i.x), itn__splat((float)c.i.y),
+                             itn__splat((float)c.i.z));
+        itn__bsdf_eval(&back.site, &to, &back.factor, &pdf, &through);
+        CHECK_NEAR(ITN__LANE(back.factor.value[0], 0) / c.i.z, f / o.z * planted, 2e-4 * f / o.z);
+        itn_scene_free(back.scene);
+    }
+    itn_scene_free(c.scene);
+}
+
+/* Integrals over boxes of directions: of the density, of f cos(theta_o) and of its slopes. */
+enum { OPAQUE_RINGS = 8, OPAQUE_TURNS = 8, OPAQUE_BOXES = OPAQUE_RINGS * OPAQUE_TURNS };
+typedef struct opaque_integral {
+    double pdf[OPAQUE_BOXES], total, f, slope[OPAQUE_MOST];
+} opaque_integral;
+
+static void opaque_integrate(opaque_case *c, opaque_integral *sum) {
+    enum { FINE = 64 };
+    memset(sum, 0, sizeof *sum);
+    for (int box = 0; box < OPAQUE_BOXES; box++)
+        for (int n = 0; n < FINE * FINE; n += ITN__LANES) { /* of 1 - z = s^2 */
+            double s = (box / OPAQUE_TURNS + (n / FINE + .5) / FINE) / OPAQUE_RINGS, z = 1 - s * s;
+            double area = 2 * s / (OPAQUE_RINGS * FINE) * 2 * opaque_pi / (OPAQUE_TURNS * FINE);
+            itn__vectors o;
+            itn__floats pdf;
+            itn__ints through;
+            o.x = o.y = o.z = itn__splat(z);
+            for (int l = 0; l < ITN__LANES; l++) {
+                double phi = (box % OPAQUE_TURNS + (n % FINE + l + .5) / FINE) / OPAQUE_TURNS;
+                ITN__LANE(o.x, l) = (float)(sqrt(1 - z * z) * cos(2 * opaque_pi * phi));
+                ITN__LANE(o.y, l) = (float)(sqrt(1 - z * z) * sin(2 * opaque_pi * phi));
+            }
+            itn__bsdf_eval(&c->site, &o, &c->factor, &pdf, &through);
+            for (int l = 0; l < ITN__LANES; l++) {
+                sum->pdf[box] += area * (double)ITN__LANE(pdf, l);
+                sum->total += area * (double)ITN__LANE(pdf, l);
+                sum->f += area * (double)ITN__LANE(c->factor.value[0], l);
+                for (int k = 0; k < c->model->count; k++)
+                    sum->slope[k] += area * (double)ITN__LANE(c->factor.slope[k][0], l);
+            }
+        }
+}
+
+/* The sampler draws as its density says (chi^2), and by f / pdf finds what quadrature does: the
+   energy, no more than the model promises, and its slopes, so that scores less these have mean 0.
+   planted multiplies the density. */
+static void opaque_draws(int model, double theta, double phi, double planted) {
+    enum { DRAWS = 1 << 16 };
+    opaque_case c;
+    opaque_integral exact;
+    itn__rng rng = itn__rng_make(6, (uint64_t)model, (uint64_t)(theta * 100));
+    double counts[OPAQUE_BOXES] = {0}, sums[1 + OPAQUE_MOST][2] = {{0}}, drawn = 0, chi2 = 0;
+    int free = -1;
+    opaque_begin(&c, model, opaque_at(theta, phi));
+    opaque_integrate(&c, &exact);
+    for (int n = 0; n < DRAWS; n += ITN__LANES) {
+        itn__floats u[3] = {itn__splat(0), itn__splat(0), itn__splat(0)}, pdf;
+        itn__ints through;
+        itn__vectors o;
+        for (int l = 0; l < 3 * ITN__LANES; l++) ITN__LANE(u[l % 3], l / 3) = itn__uniform(&rng);
+        itn__ints good = itn__bsdf_sample(&c.site, u, &o, &c.factor, &pdf, &through);
+        for (int l = 0; l < ITN__LANES; l++) {
+            double turn = atan2((double)ITN__LANE(o.y, l), (double)ITN__LANE(o.x, l));
+            double s = sqrt(1 - (double)ITN__LANE(o.z, l)), v;
+            int ring = (int)(s * OPAQUE_RINGS);
+            if (!ITN__LANE(good, l)) continue;
+            if (ITN__LANE(through, l) || !itn__finite((double)ITN__LANE(pdf, l))) CHECK(0);
+            turn = turn < 0 ? turn / (2 * opaque_pi) + 1 : turn / (2 * opaque_pi);
+            ring = ring < OPAQUE_RINGS ? ring : OPAQUE_RINGS - 1;
+            counts[ring * OPAQUE_TURNS + (int)(turn * OPAQUE_TURNS) % OPAQUE_TURNS]++, drawn++;
+            for (int k = 0; k <= c.model->count; k++) {
+                v = (double)ITN__LANE(k ? c.factor.slope[k - 1][0] : c.factor.value[0], l);
+                sums[k][0] += v / DRAWS, sums[k][1] += v * v / DRAWS;
+            }
+        }
+    }
+    for (int box = 0; box < OPAQUE_BOXES; box++) {
+        double e = exact.pdf[box] * planted * DRAWS;
+        if (e < 10) continue;
+        chi2 += (counts[box] - e) * (counts[box] - e) / (e + 1e-5 * e * e), free++;
+    }
+    check_report(chi2 < free + 5 * sqrt(2. * free), __FILE__, __LINE__, "%s: chi^2 %g of %d",
+                 c.model->text, chi2, free);
+    CHECK_NEAR(exact.total * planted, drawn / DRAWS, .004);
+    CHECK(exact.f <= c.model->furnace * 1.001);
+    for (int k = 0; k <= c.model->count; k++) {
+        double error = sqrt((sums[k][1] - sums[k][0] * sums[k][0]) / DRAWS);
+        double truth = k ? exact.slope[k - 1] : exact.f, unit = k ? 1 / c.p[k - 1] : 1;
+        CHECK_MEAN(sums[k][0], error + 2e-4 * fabs(truth), truth, 4.5, .05 * exact.f * unit);
+    }
+    itn_scene_free(c.scene);
+}
+
+/* A plane in light 1 from everywhere, by each way to render: radiance and slopes are those of
+   quadrature. `across`: a mesh whose first texture coordinate grows along z in the plane's place,
+   so that along and across change places. */
+static void opaque_furnace(int model, double theta, double phi, int across, double planted) {
+    opaque_case c;
+    opaque_integral exact;
+    const struct opaque_model *m = &opaque_models[model];
+    opaque_vector eye = {sin(theta) * cos(phi), cos(theta), -sin(theta) * sin(phi)};
+    static const char mesh[] = "v -9 0 9\nv 9 0 9\nv 9 0 -9\nv -9 0 -9\nvt 1 0\nvt 1 1\nvt 0 1\n"
+                               "vt 0 0\nf 1/1 2/2 3/3\nf 1/1 3/3 4/4\n";
+    char text[600], names[OPAQUE_MOST][ITN_NAME_SIZE];
+    const char *asked[OPAQUE_MOST];
+    itn_file file = {"m.obj", mesh, sizeof mesh - 1};
+    itn_scene *scene = NULL;
+    itn_error error;
+    opaque_begin(&c, model, opaque_at(theta, across ? opaque_pi / 2 - phi : phi));
+    opaque_integrate(&c, &exact);
+    for (int k = 0; k < m->count; k++) {
+        strcpy(names[k], c.scene->parameters[c.scene->surfaces->first + k].name);
+        asked[k] = names[k];
+    }
+    snprintf(text, sizeof text, "film width 4 height 4\ncamera eye %.8g %.8g %.8g target 0 0 0 up "
+             ".1 .2 .9 fov .01\nsurface s type %s\nobject %s surface s\nlight constant radiance 1",
+             9 * eye.x, 9 * eye.y, 9 * eye.z, m->text, across ? "mesh m.obj" : "plane");
+    solids_need(itn_scene_from_memory(text, strlen(text), NULL, &file, 1, NULL, &scene, &error),
+                &error);
+    for (int way = 0; way < SOLIDS_WAYS; way++) {
+        itn_render_options options = ITN_ZERO;
+        solids_mean found[1 + OPAQUE_MOST];
+        options.spp = 1000;
+        solids_way(&options, way);
+        solids_measure(scene, NULL, &options, asked, m->count, found);
+        for (int k = 0; k <= m->count; k++) {
+            double truth = k ? exact.slope[k - 1] : exact.f, unit = k ? 1 / c.p[k - 1] : 1;
+            CHECK_MEAN(found[k].value, found[k].error + 2e-4 * fabs(truth), truth * planted, 4.5,
+                       .05 * (exact.f * unit + fabs(truth)));
+        }
+    }
+    itn_scene_free(scene);
+    itn_scene_free(c.scene);
+}
+
+static void test_models(void) {
+    for (int m = 0; m < OPAQUE_MODELS; m++)
+        for (int a = 0; a < 3; a++) {
+            double theta = .2 + .5 * a, phi = .4 + 2 * a; /* up to 69 degrees */
+            opaque_values(m, theta, phi, 1);
+            opaque_draws(m, theta, phi, 1);
+            if (a == 1) opaque_furnace(m, theta, .3, 0, 1);
+            if (a == 1 && m % 2 == 0 && m > 5) opaque_furnace(m, theta, .3, 1, 1);
+        }
+    CHECK_CATCHES(opaque_values(3, .7, .4, 1.001));
+    CHECK_CATCHES(opaque_draws(6, .7, .4, 1.03));
+    CHECK_CATCHES(opaque_draws(8, .7, .4, .97));
+    CHECK_CATCHES(opaque_furnace(6, .7, .3, 0, 1.1));
+}
+
+int main(void) {
+    test_models();
+    return check_end("opaque");
+}
