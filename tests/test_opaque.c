@@ -5,6 +5,7 @@
 #include "../itn.h"
 #include "check.h"
 #include "solids.h"
+#include "stage.h"
 
 static const double opaque_pi = 3.14159265358979323846;
 
@@ -343,7 +344,215 @@ static void test_models(void) {
     CHECK_CATCHES(opaque_furnace(6, .7, .3, 0, 1.1));
 }
 
+/* ---- pictures -------------------------------------------------------------------------------- */
+
+static itn_surface_desc *opaque_surface(stage *s, const char *name, itn_surface_type type,
+                                        double reflectance) {
+    itn_surface_desc *surface = stage_diffuse(s, name, reflectance);
+    surface->type = type, surface->has_reflectance = 1;
+    return surface;
+}
+
+/* Balls of metal, Ward's and Ashikhmin's on a rough floor, under a map. */
+static itn_scene *opaque_still(int size) {
+    static const char *const names[4] = {"metal", "brushed", "gloss", "mirror"};
+    itn_mesh ball = solids_sphere(.5, 3);
+    itn_image map = stage_patch(1, .3, .3, 8);
+    itn_surface_desc *surface;
+    itn_scene *scene;
+    stage s;
+    stage_begin(&s, size, 5, 28);
+    s.desc.camera.eye.y = 1.5f;
+    surface = opaque_surface(&s, "metal", ITN_SURFACE_CONDUCTOR, .9);
+    surface->eta[0] = .8f, surface->k[0] = 2, surface->alpha = .25f;
+    surface->distribution = ITN_BECKMANN;
+    surface = opaque_surface(&s, "brushed", ITN_SURFACE_WARD, .7);
+    surface->alpha_x = .15f, surface->alpha_y = .4f;
+    surface = opaque_surface(&s, "gloss", ITN_SURFACE_ASHIKHMIN, .5);
+    surface->specular[0] = .2f, surface->nu = 30;
+    opaque_surface(&s, "mirror", ITN_SURFACE_MIRROR, .8);
+    surface = opaque_surface(&s, "floor", ITN_SURFACE_ROUGH_DIFFUSE, .6);
+    surface->sigma = 35;
+    stage_object(&s, NULL, NULL, "floor")->plane_y = -.6f;
+    for (int k = 0; k < 4; k++) {
+        itn_object_desc *object = stage_object(&s, &ball, NULL, names[k]);
+        for (int d = 0; d < 3; d++) object->transform[5 * d] = 1;
+        object->transform[3] = (k % 2 ? .55f : -.55f), object->transform[11] = k < 2 ? -.6f : .6f;
+    }
+    stage_map(&s, NULL, &map);
+    scene = stage_make(&s);
+    itn_image_free(&map), itn_mesh_free(&ball);
+    return scene;
+}
+
+/* The mean of the picture, and its slopes by parameters, by both walks, against differences of
+   renders of the same random numbers. */
+static void test_slopes(int count, double planted) {
+    enum { RUNS = 4, MOST = 8 };
+    static const char *const names[MOST] = {"floor.sigma", "metal.alpha", "metal.eta", "metal.k",
+                                            "brushed.alpha_x", "brushed.alpha_y", "gloss.nu",
+                                            "gloss.specular"};
+    static const double steps[MOST] = {2, .02, .1, .2, .01, .03, 3, .05};
+    itn_scene *scene = opaque_still(20);
+    float theta[32];
+    solids_mean found[2][1 + MOST];
+    for (int way = 0; way < 2; way++) {
+        itn_render_options options = ITN_ZERO;
+        options.spp = way ? 64 : 256, options.seed = 1;
+        solids_way(&options, 2 * way);
+        solids_measure(scene, NULL, &options, names, count, found[way]);
+    }
+    CHECK_NEAR(found[0][0].value, found[1][0].value,
+               4.5 * hypot(found[0][0].error, found[1][0].error));
+    CHECK(found[0][0].error < .01 * found[0][0].value);
+    for (int k = 0; k < count; k++) {
+        int at = itn_parameter_find(scene, names[k]);
+        double mean = 0, square = 0;
+        for (int run = 0; run < RUNS; run++) {
+            itn_render_options options = ITN_ZERO;
+            solids_mean ends[2];
+            options.spp = 64, options.seed = 10 + (uint64_t)run;
+            options.mode = ITN_MODE_REFERENCE;
+            for (int end = 0; end < 2; end++) {
+                itn_parameter_values(scene, theta);
+                theta[at] += (float)(end ? steps[k] : -steps[k]);
+                solids_measure(scene, theta, &options, NULL, 0, &ends[end]);
+            }
+            double slope = (ends[1].value - ends[0].value) / (2 * steps[k]);
+            mean += slope / RUNS, square += slope * slope / RUNS;
+        }
+        double error = sqrt((square - mean * mean) / (RUNS - 1));
+        for (int way = 0; way < 2; way++)
+            CHECK_NEAR(found[way][1 + k].value * planted, mean,
+                       5.5 * hypot(found[way][1 + k].error, error)); /* of few runs */
+    }
+    itn_scene_free(scene);
+}
+
+/* What a refinement says of the metal's alpha and the floor's sigma, and of eta and k, which a
+   picture in one channel hardly tells apart: errors that hold, and the names in words. */
+static void judge_found(const itn_estimate *found, const double *truth, int count) {
+    for (int k = 0; k < count; k++)
+        CHECK_NEAR(found[k].value, truth[k], 4 * found[k].standard_error);
+    CHECK(found[0].standard_error < .05 && found[1].standard_error < 1);
+}
+
+static void test_found(void) {
+    enum { SIZE = 16, COUNT = 4 };
+    static const char *const names[COUNT] = {"metal.alpha", "floor.sigma", "metal.eta", "metal.k"};
+    static const double starts[COUNT] = {.15, 10, .8, 2}, planted[COUNT] = {.25, 45, .8, 2};
+    static const double truth[COUNT] = {.25, 35, .8, 2};
+    itn_scene *scene = opaque_still(SIZE);
+    itn_render_options shot = ITN_ZERO;
+    itn_refine_options options = ITN_ZERO;
+    itn_refine_outcome outcome;
+    itn_estimate found[COUNT];
+    itn_error error;
+    itn_image image;
+    const itn_parameter *parameters[COUNT];
+    double covariance[COUNT * COUNT];
+    float theta[32];
+    char words[2000];
+    int asked[COUNT];
+    for (int k = 0; k < COUNT; k++) {
+        asked[k] = itn_parameter_find(scene, names[k]);
+        parameters[k] = itn_parameter_get(scene, asked[k]);
+    }
+    itn_parameter_values(scene, theta);
+    for (int k = 0; k < COUNT; k++) theta[asked[k]] = (float)starts[k];
+    shot.spp = 1024, shot.seed = 77;
+    stage_need(itn_render(scene, NULL, &shot, NULL, 0, &image, &error), &error);
+    options.spp = 64, options.final_spp = 512, options.seconds = 120;
+    options.target_variance = image.pixels + SIZE * SIZE;
+    options.covariance = covariance, options.outcome = &outcome;
+    stage_need(itn_refine(scene, theta, image.pixels, asked, COUNT, &options, found, &error),
+               &error);
+    CHECK(itn_refine_words(parameters, COUNT, found, covariance, &outcome, words, sizeof words) <
+          (int)sizeof words);
+    if (getenv("SHOW")) printf("%s", words);
+    judge_found(found, truth, COUNT);
+    CHECK_CATCHES(judge_found(found, planted, COUNT));
+    CHECK(strstr(words, "metal.alpha is determined") && strstr(words, "floor.sigma is determined"));
+    CHECK(strstr(words, "metal.eta and metal.k are determined") != NULL);
+    itn_image_free(&image);
+    itn_scene_free(scene);
+}
+
+/* What is said of surfaces that cannot be, in files and descs; and of what counts where nothing is
+   given. */
+static void test_words(void) {
+    static const char *const cases[][2] = {
+        {"conductor eta .2", "k is missing"},
+        {"conductor eta 0 k 1", "eta 0 is not in [0.001, 100]"},
+        {"conductor eta .2 k -1", "k -1 is not in [0, 100]"},
+        {"conductor eta .2 k 3 alpha 1.5", "alpha 1.5 is neither 0 nor in [0.001, 1]"},
+        {"conductor eta .2 k 3 distribution phong", "none of: ggx beckmann"},
+        {"conductor eta .2 k 3 reflectance 1.5", "reflectance 1.5 is not in [0, 1]"},
+        {"mirror", "reflectance is a colour"},
+        {"rough_diffuse reflectance .5", "sigma is missing"},
+        {"rough_diffuse reflectance .5 sigma 91", "sigma 91 is not in [0, 90]"},
+        {"ward reflectance .5 alpha_y .2", "alpha_x is missing"},
+        {"ward reflectance .5 alpha_x 0", "alpha_x 0 is not in [0.001, 1]"},
+        {"ashikhmin reflectance .5 specular .2", "nu is missing"},
+        {"ashikhmin reflectance .5 specular 2 nu 1", "specular 2 is not in [0, 1]"},
+        {"lambert reflectance .5", "none of: dielectric diffuse mirror conductor"}};
+    opaque_vector up = {0, 1, 0};
+    itn_error error;
+    itn_scene *scene = NULL;
+    stage s;
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; k++) {
+        char text[400];
+        snprintf(text, sizeof text, "camera eye 0 1 0 target 0 0 0 up 1 0 0\nobject plane surface s"
+                 "\nlight constant radiance 1\nsurface s type %s", cases[k][0]);
+        CHECK(itn_scene_from_memory(text, strlen(text), NULL, NULL, 0, NULL, &scene, &error) ==
+              ITN_ERROR_FORMAT);
+        check_report(strstr(error.message, cases[k][1]) && error.line == 4, __FILE__, __LINE__,
+                     "%s: %s", cases[k][0], error.message);
+    }
+    scene = opaque_scene("conductor eta .2 k 3.9", up, NULL);
+    CHECK(itn_parameter_find(scene, "s.reflectance") == 0 && scene->parameters[0].value == 1);
+    CHECK(itn_parameter_find(scene, "s.alpha") == -1);
+    itn_scene_free(scene);
+    scene = opaque_scene("conductor reflectance 0 eta .2 k 3.9", up, NULL);
+    CHECK(scene->parameters[0].value == 0);
+    itn_scene_free(scene);
+    for (int given = 0; given < 3; given++) { /* a desc: no eta, an eta, and a black one */
+        stage_begin(&s, 4, 5, 30);
+        itn_surface_desc *surface = opaque_surface(&s, "s", ITN_SURFACE_CONDUCTOR, 0);
+        surface->eta[0] = given ? 1 : 0, surface->has_reflectance = given == 2;
+        stage_object(&s, NULL, NULL, "s"), stage_constant(&s, NULL, 1);
+        CHECK(itn_scene_create(&s.desc, NULL, &scene, &error) ==
+              (given ? ITN_OK : ITN_ERROR_ARGUMENT));
+        if (given) CHECK(scene->parameters[0].value == 2 - given), itn_scene_free(scene);
+        else CHECK(strstr(error.message, "eta 0 is not in") != NULL);
+    }
+}
+
+/* Slopes by a reflectance of 0, which is the light that would come, and by that of a mirror. */
+static void test_black(void) {
+    static const char *const surfaces[3] = {"mirror reflectance 0",
+                                            "conductor reflectance 0 eta .2 k 3.9",
+                                            "conductor reflectance 0 eta .2 k 3.9 alpha .001"};
+    static const char *const asked[] = {"s.reflectance"};
+    for (int k = 0; k < 3; k++) {
+        itn_scene *scene = opaque_scene(surfaces[k], opaque_at(.7, .3), NULL);
+        itn_render_options options = ITN_ZERO;
+        solids_mean found[2];
+        opaque_vector d = opaque_at(.7, .3);
+        options.spp = 200;
+        solids_measure(scene, NULL, &options, asked, 1, found);
+        CHECK(found[0].value == 0);
+        CHECK_NEAR(found[1].value, k ? metal_fresnel(d.y, .2, 3.9) : 1, 1e-3);
+        itn_scene_free(scene);
+    }
+}
+
 int main(void) {
+    test_words();
+    test_black();
     test_models();
+    test_slopes(8, 1);
+    test_found();
+    CHECK_CATCHES(test_slopes(1, 1.5));
     return check_end("opaque");
 }
