@@ -431,7 +431,7 @@ static void test_slopes(int count, double planted) {
 
 /* What a refinement says of the metal's alpha and the floor's sigma, and of eta and k, which a
    picture in one channel hardly tells apart: errors that hold, and the names in words. */
-static void judge_found(const itn_estimate *found, const double *truth, int count) {
+static void opaque_judge(const itn_estimate *found, const double *truth, int count) {
     for (int k = 0; k < count; k++)
         CHECK_NEAR(found[k].value, truth[k], 4 * found[k].standard_error);
     CHECK(found[0].standard_error < .05 && found[1].standard_error < 1);
@@ -470,8 +470,8 @@ static void test_found(void) {
     CHECK(itn_refine_words(parameters, COUNT, found, covariance, &outcome, words, sizeof words) <
           (int)sizeof words);
     if (getenv("SHOW")) printf("%s", words);
-    judge_found(found, truth, COUNT);
-    CHECK_CATCHES(judge_found(found, planted, COUNT));
+    opaque_judge(found, truth, COUNT);
+    CHECK_CATCHES(opaque_judge(found, planted, COUNT));
     CHECK(strstr(words, "metal.alpha is determined") && strstr(words, "floor.sigma is determined"));
     CHECK(strstr(words, "metal.eta and metal.k are determined") != NULL);
     itn_image_free(&image);
@@ -480,7 +480,7 @@ static void test_found(void) {
 
 /* What is said of surfaces that cannot be, in files and descs; and of what counts where nothing is
    given. */
-static void test_words(void) {
+static void test_refused(void) {
     static const char *const cases[][2] = {
         {"conductor eta .2", "k is missing"},
         {"conductor eta 0 k 1", "eta 0 is not in [0.001, 100]"},
@@ -548,7 +548,7 @@ static void test_black(void) {
 }
 
 int main(void) {
-    test_words();
+    test_refused();
     test_black();
     test_models();
     test_slopes(8, 1);
