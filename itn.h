@@ -344,6 +344,13 @@ typedef struct itn_surface_desc {
     float checker_size;     /* side of a square, in units of the texture coordinates; 0 = 1 */
     const itn_image *image; /* texture: planes as of a map light, values in [0,1], two rows or more;
                                its pixels lie in the middle of equal squares; copied */
+    const itn_image *bump;   /* heights in scene units (luminance), in [-1e12,1e12], */
+    const itn_image *normal; /* or normals, 2 (R,G,B) - 1 along the tangent, to where the second
+                                texture coordinate grows, and outwards; both as codes, if of a PNG
+                                file, and bilinear, repeated, of a blend for parts without. What is
+                                on one side of the face and on the other by its normal is lost */
+    float bump_scale;        /* multiplies heights, in [0,1e12]; 0 = 1, */
+    int has_bump_scale;      /* but as it is if this is 1 */
     const char *const *parts; /* blend: names of 1 to 4096 surfaces, no blends. One may be a
                                  dielectric: others coat it, or else nothing goes through */
     const float *weights;     /* of these, in [0,1]; their sum is at most 1, the rest is lost */
@@ -445,6 +452,7 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
        surface NAME  type ashikhmin  R  specular COLOUR  nu N  [nv N]                    (as nu)
        surface NAME  type measured FILE  [R]                                                 (1)
        surface NAME  type blend  surfaces NAME...  weights W...
+           each with [bump FILE [bump_scale S] | normal FILE]                          (1; none)
        object  mesh FILE  [medium NAME] [surface NAME] [TRANSFORM...] [force]
        object  plane  surface NAME  [y Y] [half H]                                (y 0; half 20)
        light   constant  radiance COLOUR  [scale S] [name NAME]
@@ -501,6 +509,7 @@ ITN_API int itn_scene_tissue(const itn_scene *scene, const float *theta, const c
                   rough_diffuse: sigma; ward: alpha_x, alpha_y; ashikhmin: specular, nu, nv
                   (without alpha_y and nv, alpha_x and nu count for both)
                   blend: weight1, weight2, ... whose sum is then not checked
+                  with bump: bump_scale
        lights     scale and, of a sky, sun_scale
        film       exposure and, if it has one, background
    for example milk.sigma_t, glass.alpha, light.scale. With three channels albedo, reflectances,
@@ -1579,6 +1588,11 @@ ITN__INLINE itn__nvectors itn__nunit(const itn__nvectors *a, itn__vectors n, itn
     itn__vectors d = itn__nslopes(a);
     return itn__nvectors_of(n, itn__vscale(itn__valong(d, -itn__vdot(n, d), n), scale));
 }
+ITN__INLINE itn__nvectors itn__nnormalize(const itn__nvectors *a) {
+    itn__vectors v = itn__nvalues(a);
+    itn__floats scale = 1 / itn__root(itn__vdot(v, v));
+    return itn__nunit(a, itn__vscale(v, scale), scale);
+}
 
 /* ---- [triangle] the watertight test of one ray and many triangles --------------------------- */
 
@@ -2213,7 +2227,7 @@ ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray) {
    any number of names, n, or of numbers, l, where the desc has a pointer; or after one of `words`
    a file as it is, b. A field without any of these is a flag, an int. What has ! must be given.
    What a parameter is: S a share of what arrives that leaves again, R a rate of collisions, N an
-   index of refraction, L the scale of a light. */
+   index of refraction, L the scale of a light, H that of heights. */
 typedef struct itn__field {
     const char *name, *form;
     float lower, upper; /* range of its numbers */
@@ -2224,7 +2238,7 @@ typedef struct itn__field {
     size_t beside;     /* where the desc has what stands beside it */
     const char *words; /* that may follow; NULL: any */
 } itn__field;
-enum { ITN__MOST_FIELDS = 9, ITN__MOST_NUMBERS = 9 };
+enum { ITN__MOST_FIELDS = 12, ITN__MOST_NUMBERS = 9 };
 ITN__INLINE int itn__has_form(const itn__field *field, char letter) {
     return strchr(field->form, letter) != NULL;
 }
@@ -2364,6 +2378,11 @@ static itn__vectors itn__sample_hg(itn__vectors direction, itn__floats g, itn__f
    A blend has f = sum of w_k f_k. Each path that meets it draws one part k, with a chance q_k in
    proportion to w_k, and for it f is w_k f_k / q_k.
 
+   A map tilts the frame: its normal is along the sum of a_k A_k, where a map of normals says a_k
+   for tangent, bitangent and normal A_k, and heights h have a = (S h_x, S h_y, 1) for columns x,
+   rows y: what is S h above a face with normal n has the normal n - S grad h. The tangent is where
+   the first texture coordinate grows, made perpendicular to it.
+
    Derivatives are detached: directions stay, f changes. With omega_i and omega_o fixed, the facet
    that refracts one into the other turns with eta, so there m has a slope as well; where the frame
    turns, local omega_i and omega_o have. */
@@ -2381,13 +2400,16 @@ typedef struct itn__surface {
     float checker_size;
     int width, height;
     float *texels; /* [height][width][3] */
+    int tilted, tilt_width, tilt_height, bump_scale; /* its map: 0 none, 1 heights, 3 normals; */
+    float *tilts;                                    /* [3][tilt_height][tilt_width] */
     int part_count; /* of a blend, whose weights are its parameters; else 0 */
     const struct itn__surface **parts;
     float *table; /* of a measured one: [theta_h][theta_d][phi_d][3]; */
     float gloss;  /* half of its directions are drawn from GGX of this roughness */
 } itn__surface;
 
-enum { ITN__TEXEL = -2 }; /* as a seed: what an image texture is there */
+/* As seeds: what an image texture is there; what a map of normals or heights is, less k for a_k. */
+enum { ITN__TEXEL = -2, ITN__TILT = -3 };
 
 /* Where light scatters at a surface, in each lane. */
 typedef struct itn__site {
@@ -2400,8 +2422,13 @@ typedef struct itn__site {
     itn__num eta;            /* index beyond the boundary over index before */
     itn__floats texel[3];    /* what an image texture says there; else 1 */
     itn__ints second;        /* lanes on the second colour of a checker */
-    itn__vectors frame[3];   /* s, t and the normal */
-    itn__vectors i;          /* local, towards where the path came from */
+    itn__vectors frame[3];   /* s, t and the normal, */
+    itn__vectors turn[3];    /* and their slopes */
+    itn__vectors normal;     /* of the face */
+    itn__floats at[2];       /* column and row of the map that tilts the frame, */
+    itn__floats tilt[3];     /* a, without S, */
+    itn__vectors axes[4];    /* and A; the tangent */
+    itn__vectors from, i;    /* towards where the path came from; this in local coordinates */
     itn__vectors facet;      /* by which the last direction was drawn */
     int drawn;               /* and that is the one asked about */
     int edge;                /* only the edge of directions is drawn, see itn__dielectric_edge */
@@ -2625,9 +2652,7 @@ static void itn__cut(const itn__site *site, const itn__nvectors *o, itn__num f[3
 static itn__nvectors itn__halfway(const itn__nvectors *i, const itn__nvectors *o,
                                   itn__num *cosine) {
     itn__nvectors h = itn__nalong(i, itn__constant(itn__splat(1)), o);
-    itn__vectors sum = itn__nvalues(&h);
-    itn__floats scale = 1 / itn__root(itn__vdot(sum, sum));
-    h = itn__nunit(&h, itn__vscale(sum, scale), scale), *cosine = itn__ndot(i, &h);
+    h = itn__nnormalize(&h), *cosine = itn__ndot(i, &h);
     return h;
 }
 /* Reflects at facet m; returns where that is upwards. */
@@ -2868,6 +2893,10 @@ enum {
     ITN__VALUE(surface, alpha, "1f", ITN_LOG, .001f, 1, 0),                                        \
     {"distribution", "oi", 0, 1, 0, offsetof(itn_surface_desc, distribution), 0, ITN_LOG, 0,       \
      "ggx beckmann"}
+#define ITN__TILTED /* the last fields of all */                                                   \
+    ITN__WORD("bump", surface, bump, "p"), ITN__WORD("normal", surface, normal, "p"),              \
+    {"bump_scale", "1f?", 0, 1e12f, 1, offsetof(itn_surface_desc, bump_scale), 0, ITN_LOG,         \
+     offsetof(itn_surface_desc, has_bump_scale), NULL}
 typedef struct itn__bsdf {
     itn__field fields[ITN__MOST_FIELDS + 1]; /* the last has no name */
     unsigned flags;
@@ -2877,33 +2906,34 @@ typedef struct itn__bsdf {
 } itn__bsdf;
 static const itn__bsdf itn__bsdfs[] = {
     {{ITN__MARK("type", "o!", "dielectric"),
-      ITN__VALUE(surface, ior, "1fN", ITN_LOGIT, 1, 4, 1.5f), ITN__ROUGHNESS},
+      ITN__VALUE(surface, ior, "1fN", ITN_LOGIT, 1, 4, 1.5f), ITN__ROUGHNESS, ITN__TILTED},
      ITN__FACETS | ITN__EDGE, itn__dielectric_eval, itn__dielectric_sample},
-    {{ITN__REFLECTANCE, ITN__MARK("type", "o!", "diffuse")},
+    {{ITN__REFLECTANCE, ITN__MARK("type", "o!", "diffuse"), ITN__TILTED},
      ITN__OPAQUE | ITN__TEXTURED, itn__diffuse_eval, itn__diffuse_sample},
-    {{ITN__REFLECTANCE, ITN__MARK("type", "o!", "mirror")},
+    {{ITN__REFLECTANCE, ITN__MARK("type", "o!", "mirror"), ITN__TILTED},
      ITN__OPAQUE | ITN__TEXTURED | ITN__FACETS, itn__mirror_eval, itn__conductor_sample},
     {{ITN__REFLECTANCE_OR("013cS?", 1), ITN__MARK("type", "o!", "conductor"),
       ITN__VALUE(surface, eta, "13c!", ITN_LOG, .001f, 100, 0),
-      ITN__VALUE(surface, k, "13c!", ITN_LOG, 0, 100, 0), ITN__ROUGHNESS},
+      ITN__VALUE(surface, k, "13c!", ITN_LOG, 0, 100, 0), ITN__ROUGHNESS, ITN__TILTED},
      ITN__OPAQUE | ITN__TEXTURED | ITN__FACETS, itn__conductor_eval, itn__conductor_sample},
     {{ITN__REFLECTANCE, ITN__MARK("type", "o!", "rough_diffuse"),
-      ITN__VALUE(surface, sigma, "1f!", ITN_LOG, 0, 90, 0)},
+      ITN__VALUE(surface, sigma, "1f!", ITN_LOG, 0, 90, 0), ITN__TILTED},
      ITN__OPAQUE | ITN__TEXTURED, itn__rough_diffuse_eval, itn__diffuse_sample},
     {{ITN__REFLECTANCE, ITN__MARK("type", "o!", "ward"),
       ITN__VALUE(surface, alpha_x, "1f!", ITN_LOG, .001f, 1, 0),
-      ITN__VALUE(surface, alpha_y, "1f", ITN_LOG, .001f, 1, 0)},
+      ITN__VALUE(surface, alpha_y, "1f", ITN_LOG, .001f, 1, 0), ITN__TILTED},
      ITN__OPAQUE | ITN__TEXTURED | ITN__ORIENTED, itn__ward_eval, itn__ward_sample},
     {{ITN__REFLECTANCE, ITN__MARK("type", "o!", "ashikhmin"),
       ITN__VALUE(surface, specular, "13c!", ITN_LOGIT, 0, 1, 0),
       ITN__VALUE(surface, nu, "1f!", ITN_LOG, .01f, 1e5f, 0),
-      ITN__VALUE(surface, nv, "1f", ITN_LOG, .01f, 1e5f, 0)},
+      ITN__VALUE(surface, nv, "1f", ITN_LOG, .01f, 1e5f, 0), ITN__TILTED},
      ITN__OPAQUE | ITN__TEXTURED | ITN__ORIENTED, itn__ashikhmin_eval, itn__ashikhmin_sample},
     {{ITN__MARK("type", "o!", "blend"), ITN__WORD("surfaces", surface, parts, "n!"),
-      ITN__WORD("weights", surface, weights, "l!")},
+      ITN__WORD("weights", surface, weights, "l!"), ITN__TILTED},
      0, NULL, NULL}, /* of a blend its parts are met */
     {{ITN__REFLECTANCE_OR("013cS?", 1),
-      {"type", "ob!", 0, 0, 0, offsetof(itn_surface_desc, measured), 0, ITN_LOG, 0, "measured"}},
+      {"type", "ob!", 0, 0, 0, offsetof(itn_surface_desc, measured), 0, ITN_LOG, 0, "measured"},
+      ITN__TILTED},
      ITN__OPAQUE | ITN__TEXTURED, itn__measured_eval, itn__measured_sample}};
 
 /* A local factor of paths in each channel, and its slopes by those of its parameters that are asked
@@ -2922,33 +2952,55 @@ static void itn__add_seed(itn__factor *f, int parameter, int slot) {
     f->seeds[f->count] = parameter, f->slots[f->count++] = slot;
 }
 
-/* Turns a site's frame: s becomes the tangent, made perpendicular to the normal, where it can. */
-static void itn__site_turn(itn__site *site, const itn__vectors *tangent) {
-    const itn__vectors n = site->frame[2], *s = &site->frame[0];
-    itn__vectors along = itn__valong(*tangent, -itn__vdot(n, *tangent), n);
-    itn__ints known = itn__less(1e-10f * itn__vdot(*tangent, *tangent), itn__vdot(along, along));
-    site->frame[0] = itn__vselect(known, itn__vnormalize(along), *s);
-    site->frame[1] = itn__vectors_of(n.y * s->z - n.z * s->y, n.z * s->x - n.x * s->z,
-                                     n.x * s->y - n.y * s->x);
+/* Turns a site's frame to the tilted normal and to the tangent, where they can be, with slopes by
+   the seed. */
+static void itn__site_turn(itn__site *site) {
+    const itn__surface *surface = site->surface;
+    itn__floats zero = itn__splat(0), hint = itn__splat(1e-12f); /* where a sum is 0 */
+    itn__vectors still = itn__vectors_of(zero, zero, zero), *frame = site->frame;
+    itn__vectors *turn = site->turn, v = itn__vscale(site->normal, hint);
+    itn__nvectors n = itn__nvectors_of(v, still);
+    for (int k = 0; k < 3 && surface->tilted; k++) {
+        itn__nvectors axis = itn__nvectors_of(site->axes[k], still);
+        float slope = site->seed != ITN__TILT - k ? 0 : surface->tilted > 1 ? 2 : 1;
+        itn__num a = itn__num_of(site->tilt[k], itn__splat(slope));
+        if (surface->tilted == 1 && k < 2)
+            a = itn__nmul(a, itn__site_value(site, surface->bump_scale));
+        n = itn__nalong(&n, a, &axis);
+    }
+    n = itn__nnormalize(&n), frame[2] = itn__nvalues(&n), turn[2] = itn__nslopes(&n);
+    itn__vframe(frame[2], &frame[0], &frame[1]);
+    itn__nvectors s = itn__nvectors_of(itn__valong(site->axes[3], hint, frame[0]), still);
+    s = itn__nalong(&s, itn__nscale(itn__ndot(&n, &s), itn__splat(-1)), &n);
+    s = itn__nnormalize(&s), v = frame[0] = itn__nvalues(&s), turn[0] = itn__nslopes(&s);
+    frame[1] = itn__vectors_of(frame[2].y * v.z - frame[2].z * v.y,
+                               frame[2].z * v.x - frame[2].x * v.z,
+                               frame[2].x * v.y - frame[2].y * v.x);
+    turn[1] = itn__vscale(v, -itn__vdot(frame[1], turn[0]));
+    turn[1] = itn__valong(turn[1], -itn__vdot(frame[1], turn[2]), frame[2]);
+    site->i = itn__vto_local(site->from, frame[0], frame[1], frame[2]);
+}
+
+static int itn__is_smooth(const itn__surface *s, const float *theta) {
+    return (itn__bsdfs[s->type].flags & ITN__FACETS) && !(s->alpha >= 0 && theta[s->alpha] > 0);
 }
 
 /* Makes a site on a surface with normal n (towards the path), where paths arrive in `direction`;
-   a tangent is needed by what is ITN__ORIENTED, else it may be NULL. eta, after and before are
-   those of an index-matched boundary, texel and second those of no texture, until they are set. */
+   eta, after and before are those of an index-matched boundary, texel and second those of no
+   texture, until they are set; so is the frame, if there is no tangent (NULL). */
 static void itn__site_make(itn__site *site, const itn__surface *surface, const float *theta,
                            int channels, const itn__vectors *n, const itn__vectors *tangent,
                            const itn__vectors *direction) {
-    int facets = (itn__bsdfs[surface->type].flags & ITN__FACETS) != 0;
     site->surface = surface, site->theta = theta, site->channels = channels;
-    site->smooth = facets && !(surface->alpha >= 0 && theta[surface->alpha] > 0);
+    site->smooth = itn__is_smooth(surface, theta);
     site->seed = site->after = site->before = -1, site->drawn = site->edge = 0;
     site->eta = itn__constant(itn__splat(1)), site->second = itn__splat_int(0);
     site->texel[0] = site->texel[1] = site->texel[2] = itn__splat(1);
-    site->frame[2] = *n;
+    site->frame[2] = site->normal = *n;
     itn__vframe(*n, &site->frame[0], &site->frame[1]);
-    if (tangent) itn__site_turn(site, tangent);
-    site->i = itn__vto_local(itn__vscale(*direction, itn__splat(-1)), site->frame[0],
-                             site->frame[1], *n);
+    site->from = itn__vscale(*direction, itn__splat(-1));
+    site->i = itn__vto_local(site->from, site->frame[0], site->frame[1], *n);
+    if (tangent) site->axes[3] = *tangent, itn__site_turn(site);
 }
 
 /* The seeds of what happens there: the surface's own parameters and the indices on both sides.
@@ -2957,6 +3009,7 @@ static void itn__site_seeds(const itn__site *site, const int *slots, itn__factor
     const itn__surface *s = site->surface;
     f->count = 0;
     for (int k = s->first; k < s->first + s->count; k++) itn__add_seed(f, k, slots[k]);
+    if (s->bump_scale >= 0) itn__add_seed(f, s->bump_scale, slots[s->bump_scale]);
     if (site->after >= 0) itn__add_seed(f, site->after, slots[site->after]);
     if (site->before >= 0) itn__add_seed(f, site->before, slots[site->before]);
 }
@@ -2967,15 +3020,27 @@ static void itn__site_factor(itn__site *site, const itn__vectors *o, itn__factor
                              itn__floats *pdf) {
     itn__num value[3];
     itn__floats zero = itn__splat(0), scale = itn__splat(1), inverse = scale;
-    itn__vectors still = itn__vectors_of(zero, zero, zero);
-    itn__nvectors from = itn__nvectors_of(site->i, still), to = itn__nvectors_of(*o, still);
+    itn__vectors still = itn__vectors_of(zero, zero, zero), *frame = site->frame;
+    itn__vectors d = itn__vto_world(*o, frame[0], frame[1], frame[2]), *turn = site->turn;
+    itn__ints lost = itn__less(zero, o->z) ^ itn__less(zero, itn__vdot(d, site->normal));
+    int tilted = site->surface->tilted;
+    lost |= ~itn__less(zero, site->i.z);
     int k = f->count ? 0 : -1;
     if (site->before >= 0) inverse = itn__splat(1 / site->theta[site->before]);
     do {
         site->seed = k < 0 ? -1 : f->seeds[k], site->eta.d = zero;
         if (k >= 0 && site->seed == site->after) site->eta.d = inverse;
         if (k >= 0 && site->seed == site->before) site->eta.d = -site->eta.v * inverse;
+        itn__nvectors from = itn__nvectors_of(site->i, still), to = itn__nvectors_of(*o, still);
+        if (tilted && (site->seed <= ITN__TILT || site->seed == site->surface->bump_scale)) {
+            itn__site_turn(site);
+            from = itn__nvectors_of(site->i, itn__vto_local(site->from, turn[0], turn[1], turn[2]));
+            to = itn__nvectors_of(*o, itn__vto_local(d, turn[0], turn[1], turn[2]));
+        }
         itn__bsdfs[site->surface->type].eval(site, &from, &to, value, pdf);
+        for (int c = 0; c < site->channels && tilted; c++)
+            value[c] = itn__nselect(lost, itn__constant(zero), value[c]);
+        if (tilted) *pdf = itn__select(lost, zero, *pdf);
         if (site->drawn && !site->smooth)
             scale = 1 / itn__select(itn__less(zero, *pdf), *pdf, itn__splat(1));
         for (int c = 0; c < site->channels; c++) {
@@ -3608,7 +3673,8 @@ static int itn__hit_normal(const itn_bvh *bvh, const itn_hit *hit, itn_vec3 dire
 typedef struct itn__event {
     int object; /* whose surface scatters; -1: none, light goes straight on */
     int after;  /* object whose index holds behind the faces, -1: none */
-    int count, faces[ITN__MOST_FACES]; /* 2 triangle + front, each of another object */
+    int count, faces[ITN__MOST_FACES]; /* 2 triangle + front, each of another object; */
+    int face;                          /* that of the object whose surface it is */
 } itn__event;
 
 static const itn__triangle *itn__face_triangle(const itn_scene *scene, int face) {
@@ -3675,7 +3741,8 @@ static itn__event itn__meet_faces(const itn_scene *scene, const float *theta,
     itn__sides sides = place->sides;
     itn__event event;
     event.object = itn__is_opaque(scene, object) ? object : -1, event.after = place->refracting;
-    event.faces[0] = 2 * hit->triangle + hit->front, event.count = scene->objects[object].refracts;
+    event.face = event.faces[0] = 2 * hit->triangle + hit->front;
+    event.count = scene->objects[object].refracts;
     if (scene->objects[object].dielectrics) itn__gather_faces(scene, place, *ray, hit, &event);
     if (!event.count) { /* opaque, or index-matched */
         event.count = 1;
@@ -3685,7 +3752,7 @@ static itn__event itn__meet_faces(const itn_scene *scene, const float *theta,
     for (int k = 0; k < event.count; k++) {
         object = itn__face_triangle(scene, event.faces[k])->object;
         sides.front ^= itn__object_bit(object), sides.back ^= itn__object_bit(object);
-        if (object > event.object) event.object = object;
+        if (object > event.object) event.object = object, event.face = event.faces[k];
     }
     event.after = itn__innermost(scene, &sides, 1);
     if (itn__is_matched(scene, theta, place, &event) &&
@@ -3777,9 +3844,10 @@ typedef struct itn__touch {
     float share[4];
 } itn__touch;
 typedef struct itn__texels {
-    const itn__surface *texture; /* one of these */
+    const float *texture; /* one of these */
     const itn__light *map;
     int width, count; /* texels of a row; of all */
+    int tilts; /* numbers that tilt: 2 of one plane (heights), 3 of three; else 0 */
     float *path;   /* [channels][count] what the path adds to derivatives */
     int *touched;  /* [channels * count] which of them are not 0 */
     int touched_count;
@@ -3912,17 +3980,65 @@ static void itn__texture_place(const itn_scene *scene, const itn__object *object
         *x = fmodf(floorf(s / size) + floorf(t / size), 2);
 }
 
-/* The tangent of a surface that needs one: the direction, of any length, in which the first texture
-   coordinate grows on a triangle. */
-static itn_vec3 itn__tangent(const itn_scene *scene, int triangle) {
-    const itn__object *object = &scene->objects[scene->bvh->triangles[triangle].object];
-    itn_vec3 p[3];
-    if (!object->uvs) return itn__vec3(1, 0, 0);
-    const float *uv = object->uvs + 6 * (size_t)(triangle - object->first_triangle);
-    float s1 = uv[2] - uv[0], t1 = uv[3] - uv[1], s2 = uv[4] - uv[0], t2 = uv[5] - uv[1];
-    itn__bvh_corners(scene->bvh, triangle, p);
-    if (s1 * t2 < s2 * t1) t1 = -t1, t2 = -t2;
-    return itn__along(itn__scale(itn__sub(p[1], p[0]), t2), -t1, itn__sub(p[2], p[0]));
+/* Gives lane k of a site the tangent at a point of a face, and of a map that tilts it the place and
+   axes. Texture coordinates s and t have gradients over the face. */
+static void itn__site_orient(itn__site *site, int k, const itn_scene *scene,
+                             const itn__event *event, itn_vec3 point) {
+    const itn__object *object = &scene->objects[event->object];
+    const itn__surface *surface = site->surface;
+    itn_vec3 n = itn__lane_vector(&site->normal, k), p[3], gradient[2], axes[4];
+    itn__bvh_corners(scene->bvh, event->face / 2, p);
+    itn_vec3 a = itn__sub(p[1], p[0]), b = itn__sub(p[2], p[0]);
+    float area = itn__dot(n, itn__cross(a, b)), at[2], side = event->face & 1 ? 1.f : -1.f;
+    for (int c = 0; c < 2; c++) {
+        itn_vec3 axis = itn__vec3(!c, 0, (float)c);
+        at[c] = c ? point.z + (float)scene->origin[2] : point.x + (float)scene->origin[0];
+        gradient[c] = itn__along(axis, -itn__dot(axis, n), n);
+        if (!object->uvs) continue;
+        const float *uv = object->uvs + 6 * (size_t)(event->face / 2 - object->first_triangle) + c;
+        gradient[c] = itn__along(itn__scale(itn__cross(b, n), (uv[2] - uv[0]) / area),
+                                 (uv[4] - uv[0]) / area, itn__cross(n, a));
+        at[c] = uv[0] + itn__dot(gradient[c], itn__sub(point, p[0]));
+    }
+    float turned = itn__dot(n, itn__cross(gradient[0], gradient[1])) < 0 ? -1.f : 1.f;
+    axes[3] = itn__direction(itn__scale(itn__cross(gradient[1], n), turned));
+    axes[0] = itn__scale(axes[3], side), axes[1] = itn__scale(itn__cross(n, axes[0]), turned);
+    if (surface->tilted == 1) {
+        axes[0] = itn__scale(gradient[0], -side * (float)surface->tilt_width);
+        axes[1] = itn__scale(gradient[1], side * (float)surface->tilt_height);
+    }
+    axes[2] = n;
+    for (int j = 0; j < 4; j++) {
+        ITN__LANE(site->axes[j].x, k) = axes[j].x, ITN__LANE(site->axes[j].y, k) = axes[j].y;
+        ITN__LANE(site->axes[j].z, k) = axes[j].z;
+    }
+    ITN__LANE(site->at[0], k) = (at[0] - floorf(at[0])) * (float)surface->tilt_width - .5f;
+    ITN__LANE(site->at[1], k) = (1 - (at[1] - floorf(at[1]))) * (float)surface->tilt_height - .5f;
+}
+
+/* The corners there for what a map says for a_j: in a plane of its own or, of heights, whose slope
+   along columns or rows it is, with shares that sum up to 0. */
+static itn__corners itn__tilt_corners(const itn__site *site, int j) {
+    int width = site->surface->tilt_width, height = site->surface->tilt_height;
+    itn__corners corners = itn__corners_at(site->at[0], site->at[1], width, height, 1);
+    itn__floats part = corners.share[3] + corners.share[j ? 1 : 2]; /* across */
+    for (int k = 0; k < 4; k++) {
+        int along = j ? k / 2 : k % 2, across = j ? k % 2 : k / 2;
+        if (site->surface->tilted > 1) corners.at[k] += itn__splat_int(j * width * height);
+        else corners.share[k] = (across ? part : 1 - part) * (along ? 1.f : -1.f);
+    }
+    return corners;
+}
+
+/* Turns a site's frame as its map says. */
+static void itn__site_tilt(itn__site *site) {
+    const itn__surface *surface = site->surface;
+    for (int j = 0; j < 3 && surface->tilted; j++) {
+        itn__corners corners = itn__tilt_corners(site, j);
+        itn__floats value = itn__between(surface->tilts, 1, &corners);
+        site->tilt[j] = surface->tilted > 1 ? 2 * value - 1 : j < 2 ? value : itn__splat(1);
+    }
+    itn__site_turn(site);
 }
 
 /* Sets a site to what its texture is at (x, y). Returns where an image has that. */
@@ -3946,14 +4062,14 @@ static itn__touch itn__touch_of(itn__corners corners) {
     return touch;
 }
 
-/* If the derivative by this texture is asked for, what it is at the corners becomes a parameter, a
-   seed of the site's factor f. Of a path that has met it too often, every other place is forgotten,
-   by chance, and the scores of the others count twice. */
-static void itn__touch_texture(itn__walk *walk, const itn__surface *surface,
-                               const itn__corners *corners, itn__factor *f) {
+/* What a texture is at the corners, whose derivative is asked for, becomes a parameter, a seed of
+   the site's factor f. Of a path that has met it too often, every other place is forgotten, by
+   chance, and the scores of the others count twice; not in the midst of a place, at a_1 or a_2. */
+static void itn__touch_texture(itn__walk *walk, const itn__corners *corners, int seed,
+                               itn__factor *f) {
     itn__texels *texels = walk->texels;
-    if (!texels || texels->texture != surface) return;
-    int forget = texels->place_count == ITN__TOUCHES, odd = 0, k = texels->place_count;
+    int forget = texels->place_count > ITN__TOUCHES - 3 && seed >= ITN__TILT;
+    int odd = 0, k = texels->place_count;
     if (forget) odd = itn__uniform(&walk->rng) < .5f, k /= 2;
     for (int j = 0; j < k && forget; j++) texels->place[j] = texels->place[2 * j + odd];
     for (int c = 0; c < itn__channels(walk); c++) {
@@ -3962,7 +4078,7 @@ static void itn__touch_texture(itn__walk *walk, const itn__surface *surface,
         score[k] = 0;
     }
     texels->place[k] = itn__touch_of(*corners), texels->place_count = k + 1;
-    itn__add_seed(f, ITN__TEXEL, walk->count + k);
+    itn__add_seed(f, seed, walk->count + k);
 }
 
 /* ---- [path] the reference path tracer -------------------------------------------------------- */
@@ -4016,9 +4132,10 @@ static void itn__add_texels(itn__texels *texels, int c, const itn__touch *touch,
     for (int k = 0; k < 4; k++) {
         int at = c * texels->count + touch->at[k];
         float part = value * touch->share[k];
-        if (!(part > 0)) continue; /* none is negative */
+        if (!(part < 0 || part > 0)) continue;
         if (texels->path[at] == 0) texels->touched[texels->touched_count++] = at;
         texels->path[at] += part;
+        if (texels->path[at] == 0) texels->path[at] = FLT_MIN; /* it has been touched */
     }
 }
 
@@ -4201,25 +4318,38 @@ static void itn__site_begin(itn__walk *walk, const itn_ray *ray, const itn_hit *
     const itn_scene *scene = walk->scene;
     const itn__object *object = &scene->objects[event->object];
     itn__vectors normal = itn__splat_vector(n), d = itn__splat_vector(ray->direction);
-    itn__vectors tangent = itn__splat_vector(itn__tangent(scene, hit->triangle));
+    itn__texels *texels = walk->texels;
     float before = itn__ior(scene, walk->theta, walk->place.refracting), x, y;
-    itn__site_make(site, surface, walk->theta, itn__channels(walk), &normal,
-                   surface->oriented ? &tangent : NULL, &d);
+    itn__site_make(site, surface, walk->theta, itn__channels(walk), &normal, NULL, &d);
     site->after = itn__ior_parameter(scene, event->after);
     site->before = itn__ior_parameter(scene, walk->place.refracting);
     site->eta = itn__constant(itn__splat(itn__ior(scene, walk->theta, event->after) / before));
     f->count = 0;
     if (walk->count) itn__site_seeds(site, walk->slots, f);
+    if (surface->oriented) {
+        itn__site_orient(site, 0, scene, event, ray->origin);
+        itn__site_tilt(site);
+    }
+    if (texels && (!texels->texture || (texels->texture != surface->texels &&
+                                        texels->texture != surface->tilts)))
+        texels = NULL;
+    for (int k = 0; texels && k < texels->tilts; k++) {
+        itn__corners corners = itn__tilt_corners(site, k);
+        itn__touch_texture(walk, &corners, ITN__TILT - k, f);
+    }
     if (surface->texture == ITN_TEXTURE_NONE) return;
     itn__texture_place(scene, object, surface, hit, ray->origin, &x, &y);
     itn__corners corners = itn__site_texture(site, itn__splat(x), itn__splat(y));
-    itn__touch_texture(walk, surface, &corners, f);
+    if (texels && !texels->tilts) itn__touch_texture(walk, &corners, ITN__TEXEL, f);
 }
 
-/* Where a derivative by an index is asked for, chance chooses paths for the edge of directions
-   (itn__dielectric_edge): these then carry only that derivative, as a factor of value 0. */
+/* Where a derivative by an index or a tilt is asked for, chance chooses paths for the edge of
+   directions (itn__dielectric_edge): these then carry only that derivative, as a factor of value
+   0. */
 static void itn__choose_edge(itn__walk *walk, itn__site *site) {
     int seen = itn__slot(walk, site->after) >= 0 || itn__slot(walk, site->before) >= 0;
+    seen |= itn__slot(walk, site->surface->bump_scale) >= 0;
+    seen |= walk->texels && walk->texels->tilts && walk->texels->texture == site->surface->tilts;
     if (!seen || site->smooth || !(itn__bsdfs[site->surface->type].flags & ITN__EDGE) ||
         site->surface->distribution != ITN_GGX) return;
     float chance = .1f / itn__square((float)++walk->boundaries); /* less often at each boundary */
@@ -4927,10 +5057,12 @@ static const itn__field itn__forms[][ITN__MOST_FIELDS + 1] = { /* by kind, or ki
      ITN__FIELD("radiance", sky, radiance, "3f!", 0, ITN__MAX_RADIANCE, 0),
      ITN__FIELD("sun_radiance", sky, sun_radiance, "3f!", 0, ITN__MAX_RADIANCE, 0)},
     {ITN__VALUE(surface, reflectance2, "cS", ITN_LOGIT, 0, 1, 0),
-     ITN__FIELD("checker_size", surface, checker_size, "1f", FLT_MIN, FLT_MAX, 1)}};
+     ITN__FIELD("checker_size", surface, checker_size, "1f", FLT_MIN, FLT_MAX, 1)},
+    {ITN__VALUE_BESIDE(surface, bump_scale, "1f?H", ITN_LOG, has_bump_scale, 0, 1e12f, 1)}};
 enum {
     ITN__SKY_FORM = ITN__OBJECT + 2, /* of a file that is no item */
     ITN__CHECKER_FORM,               /* what a checker has more, in a desc */
+    ITN__TILT_FORM,                  /* what heights have more */
     ITN__MOST_PARTS = 4096,          /* of a blend */
     ITN__BSDFS = (int)(sizeof itn__bsdfs / sizeof itn__bsdfs[0])
 };
@@ -5139,9 +5271,12 @@ static void itn__to_film(const itn_scene *scene, float rgb[3]) {
     if (scene->film.channels == 1) rgb[0] = rgb[1] = rgb[2] = itn__luminance(rgb);
 }
 
-/* Copies an image's light into texels [height][width][3] after checking its values. */
+static double itn__encode(double light, double gamma);
+/* Copies an image's light into texels [height][width][3] after checking its values; of what
+   tilts (1: heights, 3: normals) what it codes, into [3][height][width]. */
 static itn_result itn__copy_texels(itn__maker *maker, const itn_image *image, float largest,
-                                   int *width, int *height, float **texels) {
+                                   int tilted, int *width, int *height, float **texels) {
+    float least = tilted == 1 ? -largest : 0;
     const float *planes[3];
     if (!image || !image->pixels || !image->names || image->plane_count < 1 || image->width < 1 ||
         image->height < 2)
@@ -5154,15 +5289,22 @@ static itn_result itn__copy_texels(itn__maker *maker, const itn_image *image, fl
                            image->plane_count, image->names[0], image->names[1],
                            image->plane_count > 2 ? " ..." : "");
     *width = image->width, *height = image->height;
-    float *texel = *texels = ITN__KEEP(float, 3 * (size_t)(*width * *height));
-    for (int i = 0; i < *width * *height && !maker->result; i++, texel += 3) {
+    int count = *width * *height;
+    *texels = ITN__KEEP(float, 3 * (size_t)count);
+    for (int i = 0; i < count && !maker->result; i++) {
+        float rgb[3];
         for (int k = 0; k < 3; k++) {
-            texel[k] = planes[k][i];
-            if (!(texel[k] >= 0 && texel[k] <= largest))
-                return ITN__REFUSE("image value %g in row %d, column %d is not in [0, %g]",
-                                   (double)texel[k], i / *width, i % *width, (double)largest);
+            rgb[k] = planes[k][i];
+            if (tilted && image->codes)
+                rgb[k] = (float)itn__encode((double)rgb[k], (double)image->gamma);
+            if (!(rgb[k] >= least && rgb[k] <= largest))
+                return ITN__REFUSE("image value %g in row %d, column %d is not in [%g, %g]",
+                                   (double)rgb[k], i / *width, i % *width, (double)least,
+                                   (double)largest);
         }
-        itn__to_film(maker->scene, texel);
+        if (!tilted) itn__to_film(maker->scene, rgb);
+        if (tilted == 1) rgb[0] = itn__luminance(rgb);
+        for (int k = 0; k < 3; k++) (*texels)[tilted ? k * count + i : 3 * i + k] = rgb[k];
     }
     return maker->result;
 }
@@ -5223,16 +5365,17 @@ static itn_result itn__take_weights(itn__maker *maker, const itn_surface_desc *i
     return maker->result;
 }
 
-/* Finds the parts of a blend. What is said of a dielectric holds for a blend that has one, as its
-   object has one index inside; and that it has texture coordinates, if some part needs them. */
+/* Finds the parts of a blend; that tilts them if they are not tilted: copies of them. What is said
+   of a dielectric holds for a blend that has one, as its object has one index inside; and that it
+   has texture coordinates, if some part needs them. */
 static itn_result itn__join_parts(itn__maker *maker, int index) {
-    const itn_scene *scene = maker->scene;
+    itn_scene *scene = maker->scene;
     itn__surface *blend = &scene->surfaces[index];
     itn__go_to(maker, ITN__SURFACE, index), itn__copy_name(maker->title, blend->name);
     for (int k = 0; k < blend->part_count; k++) {
         const char *name = maker->desc->surfaces[index].parts[k];
         int found = itn__find_name(name, scene->surfaces, sizeof *blend, scene->surface_count);
-        const itn__surface *part = blend->parts[k] = &scene->surfaces[found < 0 ? 0 : found];
+        itn__surface *part = &scene->surfaces[found < 0 ? 0 : found];
         if (found < 0) return ITN__REFUSE("there is no surface '%s'", name ? name : "");
         if (part->part_count)
             return ITN__REFUSE("'%s' is a blend, too: name its parts, with the products of weights",
@@ -5241,7 +5384,13 @@ static itn_result itn__join_parts(itn__maker *maker, int index) {
             return ITN__REFUSE("'%s' is a second dielectric, but there is one index inside", name);
         if (part->ior >= 0) blend->ior = part->ior, blend->alpha = part->alpha;
         if (part->texture) blend->texture = part->texture;
-        blend->oriented |= part->oriented;
+        blend->oriented |= part->oriented, blend->parts[k] = part;
+        if (!blend->tilted || part->tilted) continue;
+        itn__surface *copy = &scene->surfaces[scene->surface_count++];
+        *copy = *part, copy->name[0] = 0, copy->oriented = 1, copy->tilted = blend->tilted;
+        copy->bump_scale = blend->bump_scale, copy->tilts = blend->tilts;
+        copy->tilt_width = blend->tilt_width, copy->tilt_height = blend->tilt_height;
+        blend->parts[k] = copy;
     }
     return ITN_OK;
 }
@@ -5254,7 +5403,7 @@ static itn_result itn__make_surface(itn__maker *maker, int index) {
                        index))
         return maker->result;
     if ((unsigned)in.type >= (unsigned)ITN__BSDFS) return ITN__REFUSE("unknown type");
-    surface->type = in.type, surface->alpha = surface->ior = -1;
+    surface->type = in.type, surface->alpha = surface->ior = surface->bump_scale = -1;
     surface->first = scene->parameter_count;
     surface->oriented = (itn__bsdfs[in.type].flags & ITN__ORIENTED) != 0;
     if (itn__bsdfs[in.type].flags & ITN__TEXTURED) surface->texture = in.texture;
@@ -5264,7 +5413,16 @@ static itn_result itn__make_surface(itn__maker *maker, int index) {
     if (surface->texture == ITN_TEXTURE_CHECKER)
         itn__take_fields(maker, itn__forms[ITN__CHECKER_FORM], &in, surface);
     if (surface->texture == ITN_TEXTURE_IMAGE && !maker->result)
-        itn__copy_texels(maker, in.image, 1, &surface->width, &surface->height, &surface->texels);
+        itn__copy_texels(maker, in.image, 1, 0, &surface->width, &surface->height,
+                         &surface->texels);
+    if ((in.bump || in.normal) && !maker->result) {
+        surface->oriented = 1, surface->tilted = in.bump ? 1 : 3;
+        if (in.bump) itn__take_fields(maker, itn__forms[ITN__TILT_FORM], &in, surface);
+        itn__copy_texels(maker, in.bump ? in.bump : in.normal, in.bump ? 1e12f : 1, surface->tilted,
+                         &surface->tilt_width, &surface->tilt_height, &surface->tilts);
+    }
+    if ((in.bump && in.normal) || (!in.bump && in.has_bump_scale))
+        return ITN__REFUSE("has either a bump, with or without bump_scale, or a normal");
     if (in.type == ITN_SURFACE_BLEND) itn__take_weights(maker, &in, surface);
     if (in.type == ITN_SURFACE_MEASURED && !maker->result)
         itn__take_table(maker, &in.measured, surface);
@@ -5387,7 +5545,7 @@ static itn_result itn__make_light(itn__maker *maker, int index) {
     itn__to_film(scene, light->radiance);
     if (in.type == ITN_LIGHT_SKY) return itn__make_sky(maker, &in, light);
     if (in.type == ITN_LIGHT_MAP &&
-        !itn__copy_texels(maker, in.image, ITN__MAX_RADIANCE, &light->width, &light->height,
+        !itn__copy_texels(maker, in.image, ITN__MAX_RADIANCE, 0, &light->width, &light->height,
                           &light->map)) {
         itn__split_map(maker, light);
         itn__make_grid(maker, light, 1);
@@ -5826,16 +5984,16 @@ static itn_result itn__make_items(itn__maker *maker) {
     size_t lights = itn__count(maker, "lights", in->lights, in->light_count, 1, 64);
     size_t media = itn__count(maker, "media", in->media, in->medium_count, 0, 4096);
     size_t surfaces = itn__count(maker, "surfaces", in->surfaces, in->surface_count, 0, 4096);
-    size_t values = 6 + ITN__SEEDS * (objects + lights + media + surfaces);
+    size_t values = 6 + ITN__SEEDS * (objects + lights + media + surfaces), parts = 0;
     for (size_t i = 0; i < surfaces && !maker->result; i++) /* the weights of blends */
-        values += (size_t)itn__clamp((float)in->surfaces[i].part_count, 0, ITN__MOST_PARTS);
+        parts += (size_t)itn__clamp((float)in->surfaces[i].part_count, 0, ITN__MOST_PARTS);
     if (maker->result) return maker->result;
     scene->media = ITN__KEEP(itn__medium, media);
-    scene->surfaces = ITN__KEEP(itn__surface, surfaces);
+    scene->surfaces = ITN__KEEP(itn__surface, surfaces + parts);
     scene->lights = ITN__KEEP(itn__light, 2 * lights);
     scene->objects = ITN__KEEP(itn__object, objects);
-    scene->parameters = ITN__KEEP(itn_parameter, values);
-    scene->sources = ITN__KEEP(itn__source, values);
+    scene->parameters = ITN__KEEP(itn_parameter, values + parts);
+    scene->sources = ITN__KEEP(itn__source, values + parts);
     scene->kept = ITN__KEEP(void *, ITN__KEPT);
     scene->object_count = in->object_count;
     if (!maker->result && !itn__make_film(maker)) itn__make_camera(maker);
@@ -7659,23 +7817,18 @@ static void itn__scatter_lanes(itn__crowd *crowd, int number, itn__state *s, itn
     itn__factor f;
     int k;
     itn__floats x = itn__splat(0), y = x;
-    itn__vectors tangents = itn__vectors_of(x, x, x);
-    int textured = surface->texture != ITN_TEXTURE_NONE, oriented = surface->oriented;
-    for (unsigned bits = itn__mask_bits(mask); bits && oriented; bits &= bits - 1) {
-        k = itn__lowest_bit(bits);
-        int triangle = crowd->paths[ITN__LANE(s->slot, k)].hit.triangle;
-        itn_vec3 t = itn__tangent(render->scene, triangle);
-        ITN__LANE(tangents.x, k) = t.x, ITN__LANE(tangents.y, k) = t.y;
-        ITN__LANE(tangents.z, k) = t.z;
-    }
-    itn__site_make(&site, surface, render->theta, render->channels, &s->up,
-                   oriented ? &tangents : NULL, &s->d);
+    int textured = surface->texture != ITN_TEXTURE_NONE;
+    itn__site_make(&site, surface, render->theta, render->channels, &s->up, NULL, &s->d);
+    memset(site.axes, 0, sizeof site.axes), memset(site.at, 0, sizeof site.at);
     for (unsigned bits = itn__mask_bits(mask); bits; bits &= bits - 1) {
         k = itn__lowest_bit(bits);
         const itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
         ITN__LANE(site.eta.v, k) = path->eta;
         if (textured) ITN__LANE(x, k) = path->x, ITN__LANE(y, k) = path->y;
+        if (surface->oriented)
+            itn__site_orient(&site, k, render->scene, &path->event, path->p);
     }
+    if (surface->oriented) itn__site_tilt(&site);
     if (textured) itn__site_texture(&site, x, y);
     f.count = 0;
     if (render->count) itn__site_seeds(&site, render->slots, &f);
@@ -8017,6 +8170,16 @@ static const char *itn__ior_flaw(const itn__render *render, int parameter, const
     return NULL;
 }
 
+/* Whether a map tilts something smooth, whose light jumps with its normal. */
+static int itn__tilts_smooth(const itn__render *render, const float *tilts) {
+    int smooth = 0;
+    for (int i = 0; i < render->scene->surface_count; i++)
+        smooth |= render->scene->surfaces[i].tilts == tilts &&
+                  itn__is_smooth(&render->scene->surfaces[i], render->theta);
+    return smooth;
+}
+#define ITN__JUMPS "a smooth surface that is tilted has light that jumps with its normal"
+
 /* Gives each parameter asked for its slot, if the scene can be differentiated in it. */
 static itn_result itn__ask(itn__render *render, itn_error *error) {
     const itn_scene *scene = render->scene;
@@ -8026,8 +8189,11 @@ static itn_result itn__ask(itn__render *render, itn_error *error) {
         if (asked < 0 || asked >= scene->parameter_count || render->slots[asked] >= 0)
             return ITN__INVALID("render: parameter %d is out of range or asked for twice", asked);
         render->slots[asked] = k, render->only[k] = scene->sources[asked].channel;
-        int index = itn__is_a(scene, asked, 'N');
-        const char *where, *flaw = index ? itn__ior_flaw(render, asked, &where) : NULL;
+        const char *where = "", *flaw = NULL;
+        if (itn__is_a(scene, asked, 'N')) flaw = itn__ior_flaw(render, asked, &where);
+        for (int i = 0; i < scene->surface_count; i++)
+            if (scene->surfaces[i].bump_scale == asked &&
+                itn__tilts_smooth(render, scene->surfaces[i].tilts)) flaw = ITN__JUMPS;
         if (flaw)
             return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "%s: %s%s",
                              scene->parameters[asked].name, flaw, where);
@@ -8037,9 +8203,9 @@ static itn_result itn__ask(itn__render *render, itn_error *error) {
 
 /* Whether the fast walk can differentiate in a parameter at this value: in all but indices, where
    the factor that it is in is not 0 (a light's scale) or next to it (a share), and free paths are
-   not too long. */
+   not too long; and in all but heights. */
 static int itn__fast_derivative(const itn_scene *scene, int parameter, float value) {
-    return !itn__is_a(scene, parameter, 'N') &&
+    return !itn__is_a(scene, parameter, 'N') && !itn__is_a(scene, parameter, 'H') &&
            (!itn__is_a(scene, parameter, 'S') || value >= .01f) &&
            (!itn__is_a(scene, parameter, 'R') || value >= .25f / scene->radius) &&
            (!itn__is_a(scene, parameter, 'L') || value > 0);
@@ -8229,10 +8395,16 @@ static void itn__walk_sample(const itn__render *render, itn__worker *worker, siz
     memcpy(worker->values + channels, walk->derivative,
            channels * (size_t)walk->count * sizeof(float));
     for (int k = 0; texels && k < texels->touched_count; k++) {
-        size_t at = (size_t)texels->touched[k], c = at / (size_t)texels->count;
-        double value = (double)render->weights[c * render->pixels + pixel] * texels->path[at] *
-                       (1. / itn__pixel_samples(render, pixel));
-        texels->sums[at] += value, texels->squares[at] += value * value, texels->path[at] = 0;
+        size_t count = (size_t)texels->count, at = (size_t)texels->touched[k], c = at / count;
+        double value = 0;
+        if (texels->tilts) at %= count, c = 0; /* all channels count for one value */
+        size_t end = texels->tilts ? channels * count : at + 1;
+        for (size_t own = at; own < end; own += count, c++) {
+            value += (double)render->weights[c * render->pixels + pixel] * texels->path[own];
+            texels->path[own] = 0;
+        }
+        value *= 1. / itn__pixel_samples(render, pixel);
+        texels->sums[at] += value, texels->squares[at] += value * value;
     }
     if (texels) texels->touched_count = 0;
 }
@@ -8387,13 +8559,16 @@ static double itn__pixel_mean(const itn__render *render, size_t pixel, int k, do
    the caller. */
 static itn_result itn__develop(const itn__render *render, itn_image *image, itn_error *error) {
     const itn__texels *texels = render->texels;
-    int channels = render->channels, width = render->scene->film.width;
-    int height = texels ? texels->count / texels->width : render->scene->film.height;
+    int tilts = texels ? texels->tilts : 0;
+    int channels = !tilts ? render->channels : tilts < 3 ? 1 : 3;
+    int width = texels ? texels->width : render->scene->film.width;
+    int height = texels ? texels->count / width : render->scene->film.height;
+    int planes = 2 * (tilts ? channels : render->planes);
     double variance;
-    itn_result result = itn_image_create(texels ? texels->width : width, height,
-                                         2 * render->planes, &render->scene->context, image,
+    if (tilts) height /= channels;
+    itn_result result = itn_image_create(width, height, planes, &render->scene->context, image,
                                          error);
-    for (int k = 0; k < 2 * render->planes && !result; k++) {
+    for (int k = 0; k < planes && !result; k++) {
         int group = k / channels / 2, v = k / channels % 2, c = k % channels;
         char layer[ITN_NAME_SIZE + 16] = "";
         if (v) itn__copy_name(layer, "Variance.");
@@ -8474,9 +8649,17 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
 static int itn__find_texels(const itn_scene *scene, const char *item, itn__texels *texels) {
     const itn__surface *surface = scene->surfaces;
     const itn__light *light = scene->lights;
-    int named = itn__find_name(item, surface, sizeof *surface, scene->surface_count);
-    if (named >= 0 && (surface += named)->texels) {
-        texels->texture = surface, texels->width = surface->width;
+    const char *dot = strchr(item, '.');
+    char name[ITN_NAME_SIZE];
+    itn__print(name, sizeof name, "%.*s", dot ? (int)(dot - item) : ITN_NAME_SIZE, item);
+    int named = itn__find_name(name, surface, sizeof *surface, scene->surface_count);
+    if (named >= 0 && dot && surface[named].tilted &&
+        !strcmp(dot, surface[named].tilted > 1 ? ".normal" : ".bump")) {
+        surface += named, texels->texture = surface->tilts, texels->width = surface->tilt_width;
+        texels->tilts = surface->tilted > 1 ? 3 : 2;
+        texels->count = surface->tilted * texels->width * surface->tilt_height;
+    } else if (named >= 0 && !dot && (surface += named)->texels) {
+        texels->texture = surface->texels, texels->width = surface->width;
         texels->count = surface->width * surface->height;
     }
     named = itn__find_name(item, light, sizeof *light, scene->light_count);
@@ -8502,13 +8685,18 @@ ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float
         return ITN__INVALID("itn_render_texel_gradient: %s \"%.32s\" that has an image",
                             found ? "both a surface and a light" : "no surface or light", item);
     itn_result result = itn__render_begin(&render, scene, theta, options, NULL, 0, weights, error);
+    if (!result && texels.tilts && itn__tilts_smooth(&render, texels.texture))
+        result = itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "%s: " ITN__JUMPS, item);
     render.texels = &texels;
     if (!result) result = itn__choose_walk(&render, error);
     if (!result) result = itn__render_run(&render, error);
     if (!result) result = itn__develop(&render, &made, error);
-    for (size_t i = 0; !result && i < 2 * (size_t)render.channels * (size_t)texels.count; i++) {
+    size_t values = (size_t)(texels.tilts ? 1 : render.channels) * (size_t)texels.count;
+    for (size_t i = 0; !result && i < 2 * values; i++) {
         double sum = 0; /* of all workers: the gradient, by channels, then its variance */
-        for (int k = 0; k < render.worker_count; k++) sum += render.workers[k].texels.sums[i];
+        for (int k = 0; k < render.worker_count; k++)
+            sum += i < values ? render.workers[k].texels.sums[i]
+                              : render.workers[k].texels.squares[i - values];
         made.pixels[i] = (float)sum;
     }
     if (!result) *gradient = made;
@@ -11840,7 +12028,7 @@ typedef struct itn__reader {
     char names[5 * ITN__MOST_ITEMS + ITN__MOST_LISTED][ITN_NAME_SIZE]; /* of media, surfaces,
                                                                lights; two in objects; parts */
     itn_mesh meshes[ITN__MOST_ITEMS];
-    itn_image images[2 * ITN__MOST_ITEMS];
+    itn_image images[3 * ITN__MOST_ITEMS];
     itn__buffer tables[ITN__MOST_ITEMS];
     itn_medium_desc media[ITN__MOST_ITEMS];
     itn_surface_desc surfaces[ITN__MOST_ITEMS];
@@ -11850,7 +12038,7 @@ typedef struct itn__reader {
     const itn__field *fields;    /* what it may have, */
     char *item;                  /* its desc, */
     int given[ITN__MOST_FIELDS]; /* for each field 1 + its numbers or 0: not given; */
-    const itn__field *file;      /* the field with a file, NULL: none, */
+    const itn__field *file;      /* the last field with a file, */
     const char *path;            /* and what it is called: */
     int length;                  /* so many characters */
     char known[160];             /* names of all fields */
@@ -11966,6 +12154,7 @@ static int itn__read_list(itn__reader *r, const itn__field *field) {
     return count;
 }
 
+static void itn__load_file(itn__reader *r);
 /* Reads what follows a field's name; returns how many numbers. */
 static int itn__read_field(itn__reader *r, const itn__field *field) {
     if (strpbrk(field->form, "nl")) return itn__read_list(r, field);
@@ -11978,6 +12167,7 @@ static int itn__read_field(itn__reader *r, const itn__field *field) {
             ITN__WRONG("%s: a path has neither quotes nor blanks", field->name);
         r->file = field, r->path = r->text.at, r->length = itn__word_length(&r->text);
         r->text.at += r->length;
+        if (!r->text.result) itn__load_file(r);
     } else if (itn__has_form(field, 'w')) {
         itn__read_name(r, r->item + field->at);
     } else { /* one of a few words; a flag, or nothing */
@@ -12129,7 +12319,7 @@ static void itn__read_item(itn__reader *r) {
     void *items[ITN__KINDS] = {&r->desc.film,     &r->desc.camera,     &r->media[index],
                                &r->objects[index], &r->surfaces[index], &r->lights[index]};
     r->kind = itn__kinds[kind], r->fields = itn__fields_of(kind, type);
-    r->item = (char *)items[kind], r->lines[kind][index] = r->text.line, r->file = NULL;
+    r->item = (char *)items[kind], r->lines[kind][index] = r->text.line;
     memset(r->given, 0, sizeof r->given);
     if (kind == ITN__MEDIUM || kind == ITN__SURFACE) itn__read_name(r, r->item); /* it is first */
     if (kind == ITN__SURFACE) r->surfaces[index].type = (itn_surface_type)type;
@@ -12139,7 +12329,6 @@ static void itn__read_item(itn__reader *r) {
     if (kind == ITN__MEDIUM) itn__end_medium(r, &r->media[index]);
     if (kind == ITN__SURFACE && (itn__bsdfs[type].flags & ITN__TEXTURED))
         itn__end_reflectance(r, &r->surfaces[index]);
-    if (r->file && !r->text.result) itn__load_file(r);
 }
 
 /* Reads all lines and makes the scene. What is wrong with an item, or (line 0) with the whole, is
@@ -12190,7 +12379,7 @@ ITN_API itn_result itn_scene_from_memory(const void *bytes, size_t size, const c
     r->context = own, r->files = files, r->file_count = file_count;
     result = itn__read_scene(r, scene);
     for (int k = 0; k < ITN__MOST_ITEMS; k++) itn_mesh_free(&r->meshes[k]);
-    for (int k = 0; k < 2 * ITN__MOST_ITEMS; k++) itn_image_free(&r->images[k]);
+    for (int k = 0; k < 3 * ITN__MOST_ITEMS; k++) itn_image_free(&r->images[k]);
     for (int k = 0; k < r->table_count; k++) itn__buffer_free(&r->tables[k]);
     itn__free(&own, r);
     return result;
