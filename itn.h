@@ -285,7 +285,15 @@ typedef struct itn_camera_desc {
     float fov;            /* degrees, of the horizontal axis, in [1e-6,179.999]; 0 = 30 */
 } itn_camera_desc;
 
-/* A homogeneous medium with a Henyey-Greenstein phase function. */
+/* Phase functions: Henyey and Greenstein's, of mean cosine g; von Mises and Fisher's, in proportion
+   to e^(kappa cos theta); or a mixture of up to four of these, its lobes. */
+typedef enum itn_phase_type { ITN_PHASE_HG = 0, ITN_PHASE_VMF, ITN_PHASE_MIX } itn_phase_type;
+typedef struct itn_lobe_desc {
+    itn_phase_type phase; /* not MIX */
+    float shape;          /* its g or kappa, as in a medium */
+    float weight;         /* in [0,1]; those of a medium add up to 1 */
+} itn_lobe_desc;
+
 typedef struct itn_medium_desc {
     const char *name;
     float sigma_t;   /* extinction per scene unit, in [0,1e12]; a scene of more than 1e6 mean free
@@ -293,6 +301,10 @@ typedef struct itn_medium_desc {
     float albedo[3]; /* single-scattering albedo in [0,1] */
     float g;         /* mean cosine of the scattering angle, in [-.999,.999]; > 0 is forward */
     float sigma_t_rgb[3], g_rgb[3];
+    itn_phase_type phase;
+    float kappa;     /* of phase VMF, in [0,500]; 0 scatters uniformly */
+    itn_lobe_desc lobes[4]; /* of phase MIX */
+    int lobe_count;
 } itn_medium_desc;
 
 /* Dielectrics reflect and refract; the others are opaque, the same from both sides, and need no
@@ -439,8 +451,8 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
               [deviation PIXELS]                                     (of the Gaussian: .5 pixels)
               [exposure COLOUR] [background COLOUR]]                         (1; that of the lights)
        camera  eye X Y Z  target X Y Z  [up X Y Z] [fov DEGREES]     (0 1 0; 30, horizontal axis)
-       medium  NAME  sigma_t COLOUR  albedo COLOUR  [phase hg] [g COLOUR]                   (g 0)
-               or  mu_a COLOUR  mu_s COLOUR  or  mu_a COLOUR  mu_s' COLOUR  g COLOUR
+       medium  NAME  sigma_t COLOUR  albedo COLOUR  [PHASE]
+               or  mu_a COLOUR  mu_s COLOUR  [PHASE]  or  mu_a COLOUR  mu_s' COLOUR  g COLOUR
        surface NAME  type dielectric  [ior N] [alpha A] [distribution ggx|beckmann]
                                                                    (1.5; 0, which is smooth; ggx)
        surface NAME  type diffuse|mirror  R, for one of:  reflectance COLOUR
@@ -459,6 +471,8 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
        light   map FILE  [scale S] [name NAME]
        light   sky FILE  sun X Y Z  [scale S] [sun_scale S] [sun_radius_scale S] [name NAME]
 
+   PHASE is `[phase hg] [g COLOUR]` (g 0), `phase vmf kappa K`, or `phase mix` and up to four lobes
+   `hg G weight W` or `vmf K weight W`, as in phase mix hg 0.8 weight 0.7 vmf 2 weight 0.3.
    sigma_t = mu_a + mu_s, albedo = mu_s / sigma_t, mu_s' (or mu_s_prime) = mu_s (1 - g), all per
    scene unit: of a mesh in mm a tenth of what they are per cm. Three numbers of sigma_t (not all
    the same by mu_a and mu_s), g or exposure are three parameters, unless all are 0. TRANSFORM is
@@ -490,9 +504,10 @@ ITN_API itn_film_desc itn_scene_film(const itn_scene *scene);
 ITN_API double itn_scene_thickness(const itn_scene *scene, const float *theta, const char *medium);
 
 /* What tissue optics says of a medium, per scene unit, and standard errors: absorption mu_a,
-   scattering mu_s, and mu_s' = mu_s (1 - g). For a medium in a channel (0 with one) at theta (NULL:
-   as made); errors follow to first order from the covariance [count][count] of parameters [count]
-   as itn_refine has them; others have none. Returns 0 if there is no such medium or channel. */
+   scattering mu_s, and mu_s' = mu_s (1 - g), g being the mean cosine. For a medium in a channel (0
+   with one) at theta (NULL: as made); errors follow to first order from the covariance
+   [count][count] of parameters [count] as itn_refine has them; others have none. Returns 0 if there
+   is no such medium or channel. */
 typedef struct itn_tissue {
     double mu_a, mu_s, mu_s_prime, mu_a_error, mu_s_error, mu_s_prime_error;
 } itn_tissue;
@@ -502,7 +517,9 @@ ITN_API int itn_scene_tissue(const itn_scene *scene, const float *theta, const c
 
 /* Parameters: everything that can be differentiated, as one flat float vector theta with names
    "item.field". They come item by item, those of a kind as in the desc; their ranges are its, too:
-       media      sigma_t, albedo, g
+       media      sigma_t, albedo, and g or kappa, or of a mixture g1 or kappa1, weight1, g2 or
+                  kappa2, ... (what weights leave is the last one; beyond 1 they are divided by
+                  their sum. Derivatives by weights need some of each lobe, or they are too small)
        surfaces   opaque: reflectance, and of a checker reflectance2
                   dielectric: ior and, if it is rough, alpha
                   conductor: eta, k and, if it is rough, alpha
@@ -2221,13 +2238,13 @@ ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray) {
 
    `form` tells how many numbers follow a field's name in a file, by digits, and how the desc keeps
    them: f as floats, i as an int, c as a colour (one number counts for all channels), s as a
-   spectrum (one number, or three in an array beside it); k a checker, t a step of a transform. With
-   ? an int beside it tells whether a 0 is meant, else (?, or 0 out of range) `otherwise` counts.
-   Or what word follows: w a name, o one of `words`, m p y a file with a mesh, a picture, a sky; or
-   any number of names, n, or of numbers, l, where the desc has a pointer; or after one of `words`
-   a file as it is, b. A field without any of these is a flag, an int. What has ! must be given.
-   What a parameter is: S a share of what arrives that leaves again, R a rate of collisions, N an
-   index of refraction, L the scale of a light, H that of heights. */
+   spectrum (one number, or three in an array beside it); k a checker, t a step of a transform, x a
+   lobe or its weight. With ? an int beside it tells whether a 0 is meant, else (?, or 0 out of
+   range) `otherwise` counts. Or what word follows: w a name, o one of `words`, m p y a file with a
+   mesh, a picture, a sky; or any number of names, n, or of numbers, l, where the desc has a
+   pointer; or after one of `words` a file as it is, b. A field without any of these is a flag, an
+   int. What has ! must be given. What a parameter is: S a share of what arrives that leaves again,
+   R a rate of collisions, N an index of refraction, L the scale of a light, H that of heights. */
 typedef struct itn__field {
     const char *name, *form;
     float lower, upper; /* range of its numbers */
@@ -2248,7 +2265,7 @@ static const char *const itn__kinds[] = {"film", "camera", "medium", "object", "
                                          "film camera medium object surface light"}; /* all */
 /* Types that differ in fields: the words for them, in their order. */
 static const char *const itn__types[ITN__KINDS] = {
-    NULL, NULL, NULL, "mesh plane",
+    NULL, NULL, "hg vmf mix", "mesh plane",
     "dielectric diffuse mirror conductor rough_diffuse ward ashikhmin blend measured",
     "constant map sky"};
 
@@ -2272,7 +2289,8 @@ typedef char itn__enums_are_ints[sizeof(itn_filter) == sizeof(int) ? 1 : -1];
 /* In a homogeneous medium light travels a distance t without collision with probability
    exp(-sigma_t t) (Beer-Lambert); the distance to the next collision has the density
    sigma_t exp(-sigma_t t). At a collision a share `albedo` goes on, in a direction at angle
-   theta to the old one with the Henyey-Greenstein density
+   theta to the old one, drawn from a phase function: one lobe, or a mixture sum_k w_k p_k of some,
+   whose last weight is what the others leave. Henyey and Greenstein's lobe is
 
        p(cos theta) = (1 - g^2) / (4 pi (1 + g^2 - 2 g cos theta)^(3/2)),     E[cos theta] = g.
 
@@ -2284,12 +2302,24 @@ typedef char itn__enums_are_ints[sizeof(itn_filter) == sizeof(int) ? 1 : -1];
        x = 2 (1-g)^2 (1-u) ((1-u) + (1+g) u) / q^2,
        y = 2 (1+g)^2 u (u + (1-g) (1-u)) / q^2,          q = (1-g)(1-u) + (1+g) u,
 
-   sums of positive terms for any |g| < 1, with no special case at g = 0. */
+   sums of positive terms for any |g| < 1, with no special case at g = 0.
 
+   That of von Mises and Fisher (Gkioulekas et al. 2013) is uniform at kappa = 0:
+
+       p(cos theta) = kappa e^(-kappa x) / (2 pi (1 - q)),    q = e^(-2 kappa),
+       x = -ln(u + (1-u) q) / kappa,                          E[cos theta] = coth kappa - 1/kappa.
+
+   V ([value]) needs A_l = E[P_l(cos theta)]. */
+
+/* n lobes have 2n - 1 parameters in a row, the shapes of a medium: g or kappa of the first, its
+   weight, g or kappa of the second, ... */
+enum { ITN__LOBES = 4, ITN__SHAPES = 2 * ITN__LOBES - 1 };
 typedef struct itn__medium {
     char name[ITN_NAME_SIZE];
-    int sigma_t[3], g[3]; /* parameters of each channel, or three times the same one */
-    int albedo;           /* parameter; that of channel c is albedo + c */
+    int sigma_t[3], g[3];  /* parameters of each channel, or three times the same; g: first shape */
+    int albedo;            /* parameter; that of channel c is albedo + c */
+    int shapes;            /* how many */
+    int lobes[ITN__LOBES]; /* rows of itn__lobes */
 } itn__medium;
 
 /* Distances to the next collision; the mean free path is 1 / sigma_t. */
@@ -2311,8 +2341,8 @@ ITN__INLINE itn__floats itn__vone_minus_cosine(itn__vectors a, itn__vectors b) {
     return itn__least(.5f * itn__vdot(chord, chord), itn__splat(2));
 }
 
-/* Henyey and Greenstein's phase function. The square, 1 + g^2 - 2 g cos theta, is a sum of positive
-   terms for either sign of g. */
+/* Henyey and Greenstein's lobe. The square, 1 + g^2 - 2 g cos theta, is a sum of positive terms for
+   either sign of g. */
 static itn__num itn__hg(itn__num g, itn__floats x, itn__floats y) {
     itn__floats one = itn__splat(1);
     itn__num below = itn__naffine(g, -one, one), above = itn__naffine(g, one, one);
@@ -2322,19 +2352,141 @@ static itn__num itn__hg(itn__num g, itn__floats x, itn__floats y) {
     return itn__ndiv(itn__nscale(itn__nmul(below, above), itn__splat(1 / (4 * ITN__PI))),
                      itn__nmul(square, itn__nroot(square)));
 }
-
-/* Turns directions by angles drawn from it and returns the new ones; x and y receive 1 - and 1 +
-   the cosines of the angles. */
-static itn__vectors itn__sample_hg(itn__vectors direction, itn__floats g, itn__floats u,
-                                   itn__floats v, itn__floats *x, itn__floats *y) {
-    itn__floats below = (1 - g) * (1 - u), above = (1 + g) * u, sin_phi, cos_phi;
+static void itn__hg_draw(float g, itn__floats u, itn__floats *x, itn__floats *y) {
+    itn__floats below = (1 - g) * (1 - u), above = (1 + g) * u;
     itn__floats inverse = 1 / (below + above), scale = 2 * inverse * inverse;
-    itn__vectors s, t;
     *x = itn__least(scale * below * ((1 - g) * ((1 - u) + above)), itn__splat(2));
     *y = itn__least(scale * above * ((1 + g) * (u + below)), itn__splat(2));
+}
+static double itn__hg_moment(double g, int l, double *slope) {
+    *slope = l ? l * pow(g, l - 1) : 0;
+    return pow(g, l);
+}
+
+/* Von Mises and Fisher's. kappa / (1 - q) is (kappa coth kappa + kappa) / 2, of which the series
+   counts below 1/4. Where the density is e^80 times smaller than ahead it stays so. */
+static itn__num itn__vmf(itn__num kappa, itn__floats x, itn__floats y) {
+    static const float c[3] = {1 / 3.f, -1 / 45.f, 2 / 945.f};
+    itn__floats one = itn__splat(1);
+    itn__num k2 = itn__nsquare(kappa), series = itn__constant(c[2] * one);
+    for (int i = 1; i >= 0; i--) series = itn__naffine(itn__nmul(series, k2), one, c[i] * one);
+    series = itn__nadd(itn__naffine(itn__nmul(series, k2), one, one), kappa);
+    itn__num rest = itn__naffine(itn__transmittance(kappa, 2 * one), -one, one);
+    itn__num size = itn__nselect(itn__less(kappa.v, .25f * one), itn__nscale(series, .5f * one),
+                                 itn__ndiv(kappa, rest));
+    (void)y, x = itn__least(x, 80 / kappa.v);
+    return itn__nscale(itn__nmul(size, itn__transmittance(kappa, x)), one / (2 * ITN__PI));
+}
+/* -log w / kappa = (1-u) (1-q)/kappa (log w / (w-1)), the last being 1 where w rounds to 1. */
+static void itn__vmf_draw(float kappa, itn__floats u, itn__floats *x, itn__floats *y) {
+    float rest = -expm1f(-2 * kappa), size = kappa > 0 ? rest / kappa : 2;
+    itn__floats w = u + (1 - u) * (1 - rest), one = itn__splat(1);
+    itn__ints within = itn__less(w, one);
+    itn__floats ratio = itn__vlog(w) / itn__select(within, w - 1, one);
+    *x = itn__least((1 - u) * size * itn__select(within, ratio, one), itn__splat(2));
+    *y = 2 - *x;
+}
+/* By ratios A_(i+1) / A_i, from above, where the recurrence forgets how it began. */
+static double itn__vmf_moment(double kappa, int l, double *slope) {
+    double ratio = 0, before = 1, own = 1, after = 1; /* A_(l-1), A_l, A_(l+1) */
+    for (int i = 64 + 2 * (int)kappa; i >= 0; i--) {
+        ratio = kappa / (2 * i + 3 + kappa * ratio);
+        if (i <= l) after *= ratio;
+        if (i < l) own *= ratio;
+        if (i < l - 1) before *= ratio;
+    }
+    *slope = ((l + 1) * after + l * before) / (2 * l + 1) - ratio * own; /* E[mu P_l] - A_1 A_l */
+    return own;
+}
+
+/* The lobes there are, as itn_phase_type: density over solid angle where 1 - and 1 + the cosine are
+   x and y; how these are drawn by a uniform; A_l and its slope. */
+typedef struct itn__lobe {
+    itn__num (*density)(itn__num shape, itn__floats x, itn__floats y);
+    void (*draw)(float shape, itn__floats u, itn__floats *x, itn__floats *y);
+    double (*moment)(double shape, int l, double *slope);
+} itn__lobe;
+static const itn__lobe itn__lobes[] = {{itn__hg, itn__hg_draw, itn__hg_moment},
+                                       {itn__vmf, itn__vmf_draw, itn__vmf_moment}};
+
+/* A medium's phase function: its shapes, and weights that follow. Those given that add up to more
+   than 1 are divided by `whole`, and leave nothing. */
+typedef struct itn__phase {
+    int shapes;
+    const itn__lobe *lobe[ITN__LOBES];
+    double shape[ITN__SHAPES], weight[ITN__LOBES], whole;
+} itn__phase;
+
+/* Makes the rest from the shapes. */
+static void itn__phase_make(itn__phase *phase, const itn__medium *medium) {
+    double sum = 0;
+    phase->shapes = medium->shapes;
+    for (int j = 1; j < phase->shapes; j += 2) sum += phase->shape[j];
+    phase->whole = fmax(sum, 1);
+    for (int k = 0; 2 * k < phase->shapes; k++) {
+        int last = 2 * k + 1 == phase->shapes;
+        phase->lobe[k] = &itn__lobes[medium->lobes[k]];
+        phase->weight[k] = (last ? phase->whole - sum : phase->shape[2 * k + 1]) / phase->whole;
+    }
+}
+/* That of channel c at theta. */
+static itn__phase itn__phase_of(const itn__medium *medium, const float *theta, int c) {
+    itn__phase phase;
+    for (int j = 0; j < medium->shapes; j++) phase.shape[j] = theta[medium->g[c] + j];
+    itn__phase_make(&phase, medium);
+    return phase;
+}
+
+/* Its A_l, and slopes by its shapes. */
+static double itn__phase_moment(const itn__phase *phase, int l, double *slope) {
+    double own[ITN__LOBES], sum = 0;
+    int last = phase->shapes / 2;
+    for (int k = 0; k <= last; k++) {
+        own[k] = phase->lobe[k]->moment(phase->shape[2 * k], l, &slope[2 * k]);
+        slope[2 * k] *= phase->weight[k], sum += phase->weight[k] * own[k];
+    }
+    for (int k = 0; k < last; k++)
+        slope[2 * k + 1] = (own[k] - (phase->whole > 1 ? sum : own[last])) / phase->whole;
+    return sum;
+}
+
+/* Its density, and slopes by its shapes. */
+static itn__floats itn__phase_density(const itn__phase *phase, itn__floats x, itn__floats y,
+                                      itn__floats *slope) {
+    itn__floats p = itn__splat(0), own[ITN__LOBES];
+    int last = phase->shapes / 2;
+    for (int k = 0; k <= last; k++) {
+        itn__num shape = itn__variable(itn__splat(phase->shape[2 * k]));
+        itn__num lobe = phase->lobe[k]->density(shape, x, y);
+        float weight = (float)phase->weight[k];
+        own[k] = lobe.v, p = p + weight * lobe.v, slope[2 * k] = weight * lobe.d;
+    }
+    for (int k = 0; k < last; k++)
+        slope[2 * k + 1] = (own[k] - (phase->whole > 1 ? p : own[last])) / (float)phase->whole;
+    return p;
+}
+
+/* Turns directions by angles drawn from it and returns the new ones; x and y receive 1 - and 1 +
+   the cosines of the angles. v chooses the lobe, and what it leaves the azimuth. */
+static itn__vectors itn__phase_turn(const itn__phase *phase, itn__vectors direction,
+                                    itn__floats u, itn__floats v, itn__floats *x,
+                                    itn__floats *y) {
+    itn__floats sin_phi, cos_phi, turns = v, own[2];
+    itn__ints open = itn__splat_int(-1);
+    itn__vectors s, t;
+    phase->lobe[0]->draw((float)phase->shape[0], u, x, y);
+    for (int k = 0; 2 * k < phase->shapes && phase->shapes > 1; k++) {
+        float weight = (float)phase->weight[k];
+        itn__ints chosen = open;
+        if (2 * k + 1 < phase->shapes) chosen &= itn__less(v, itn__splat(weight));
+        phase->lobe[k]->draw((float)phase->shape[2 * k], u, &own[0], &own[1]);
+        *x = itn__select(chosen, own[0], *x), *y = itn__select(chosen, own[1], *y);
+        turns = itn__select(chosen, itn__least(v / weight, itn__splat(1)), turns);
+        v = v - weight, open &= ~chosen;
+    }
     itn__floats sine = itn__root(*x * *y);
     itn__floats cosine = itn__select(itn__less(*x, itn__splat(1)), 1 - *x, *y - 1);
-    itn__vsincos_turns(v, &sin_phi, &cos_phi);
+    itn__vsincos_turns(turns, &sin_phi, &cos_phi);
     itn__vframe(direction, &s, &t);
     return itn__vnormalize(itn__vto_world(
         itn__vectors_of(sine * cos_phi, sine * sin_phi, cosine), s, t, direction));
@@ -3478,19 +3630,26 @@ ITN_API int itn_scene_tissue(const itn_scene *scene, const float *theta, const c
                              int channel, const int *parameters, int count,
                              const double *covariance, itn_tissue *tissue) {
     int m = itn__find_name(medium, scene->media, sizeof *scene->media, scene->medium_count);
-    double x[3], variance[3] = {0, 0, 0};
+    double x[2 + ITN__SHAPES], variance[3] = {0, 0, 0}, slopes[3][2 + ITN__SHAPES] = {{0}};
     if (m < 0 || channel < 0 || channel >= scene->film.channels) return 0;
-    const int at[3] = {scene->media[m].sigma_t[channel], scene->media[m].albedo + channel,
-                       scene->media[m].g[channel]};
-    for (int k = 0; k < 3; k++)
+    const itn__medium *of = &scene->media[m];
+    int at[2 + ITN__SHAPES], all = 2 + of->shapes; /* sigma_t, albedo, shapes */
+    itn__phase phase;
+    for (int k = 0; k < all; k++) {
+        at[k] = k == 0 ? of->sigma_t[channel] : k == 1 ? of->albedo + channel
+                                              : of->g[channel] + k - 2;
         x[k] = (double)(theta ? theta[at[k]] : scene->parameters[at[k]].value);
-    double left = 1 - x[2]; /* mu_s' = mu_s (1 - g) */
-    const double slopes[3][3] = {{1 - x[1], -x[0], 0}, /* of mu_a, mu_s, mu_s' by sigma_t ... g */
-                                 {x[1], x[0], 0},
-                                 {x[1] * left, x[0] * left, -x[0] * x[1]}};
+        if (k > 1) phase.shape[k - 2] = x[k];
+    }
+    itn__phase_make(&phase, of);
+    double left = 1 - itn__phase_moment(&phase, 1, slopes[2] + 2); /* mu_s' = mu_s (1 - g) */
+    slopes[0][0] = 1 - x[1], slopes[0][1] = -x[0]; /* of mu_a, mu_s, mu_s' by these */
+    slopes[1][0] = x[1], slopes[1][1] = x[0];
+    slopes[2][0] = x[1] * left, slopes[2][1] = x[0] * left;
+    for (int k = 2; k < all; k++) slopes[2][k] *= -x[0] * x[1];
     for (int i = 0; i < count * count; i++)
-        for (int a = 0; a < 3; a++)
-            for (int b = 0; b < 3 && parameters[i / count] == at[a]; b++)
+        for (int a = 0; a < all; a++)
+            for (int b = 0; b < all && parameters[i / count] == at[a]; b++)
                 for (int k = 0; k < 3 && parameters[i % count] == at[b]; k++)
                     variance[k] += slopes[k][a] * slopes[k][b] * covariance[i];
     tissue->mu_a = x[0] * (1 - x[1]), tissue->mu_a_error = sqrt(fmax(variance[0], 0));
@@ -3916,12 +4075,9 @@ static float itn__mixture(const itn__walk *walk, const float pdf[3]) {
     return itn__max(share[0] * pdf[0] + share[1] * pdf[1] + share[2] * pdf[2], FLT_MIN);
 }
 
-/* Makes that choice: multiplies the path's weight by g / density, and learns from it who the hero
-   may be. Returns the density. */
-static float itn__weigh_choice(itn__walk *walk, const int parameter[3], const itn__num g[3],
-                               const float pdf[3]) {
+/* Makes that choice: learns from it who the hero may be. Returns the density. */
+static float itn__choose_hero(itn__walk *walk, const float pdf[3]) {
     float density = itn__mixture(walk, pdf);
-    itn__weigh_each(walk, &walk->weight, parameter, g, density);
     for (int k = 0; k < 3 && walk->scene->spectral; k++) walk->share[k] *= pdf[k] / density;
     return density;
 }
@@ -4190,8 +4346,7 @@ static void itn__weigh_flight(itn__walk *walk, itn__weight *weight, const itn__m
         if (collided) g[c] = itn__nmul(g[c], sigma_t);
         if (rate) pdf[c] = expf(-rate[c] * t) * (collided ? rate[c] : 1);
     }
-    if (rate) itn__weigh_choice(walk, medium->sigma_t, g, pdf);
-    else itn__weigh_each(walk, weight, medium->sigma_t, g, 1);
+    itn__weigh_each(walk, weight, medium->sigma_t, g, rate ? itn__choose_hero(walk, pdf) : 1);
 }
 
 /* Carries the connection from `ray` to the lights: transmittance through media and index-matched
@@ -4271,24 +4426,36 @@ static void itn__collision_rates(const itn__walk *walk, const itn__medium *mediu
     }
 }
 
-/* Phase function of each channel for the angle with 1 - cosine x and 1 + cosine y, and the density
-   with which that channel draws it. */
-static void itn__phase(const itn__walk *walk, const itn__medium *medium, itn__floats x,
-                       itn__floats y, itn__num p[3], float pdf[3]) {
+/* Factor of each channel's phase function for the angle with 1 - cosine x and 1 + cosine y, and
+   the density with which that channel draws it. */
+static void itn__phase_factor(const itn__walk *walk, const itn__medium *medium, itn__floats x,
+                              itn__floats y, itn__factor *f, float pdf[3]) {
+    int shapes = medium->shapes;
+    f->count = 0;
+    for (int k = 0; k < 3 * shapes; k++) {
+        int parameter = medium->g[k / shapes] + k % shapes;
+        itn__add_seed(f, parameter, itn__slot(walk, parameter));
+    }
     for (int c = 0; c < itn__channels(walk); c++) {
-        p[c] = itn__hg(itn__variable(itn__splat(walk->theta[medium->g[c]])), x, y);
-        pdf[c] = ITN__LANE(p[c].v, 0);
+        itn__phase phase = itn__phase_of(medium, walk->theta, c);
+        itn__floats slope[ITN__SHAPES];
+        f->value[c] = itn__phase_density(&phase, x, y, slope), pdf[c] = ITN__LANE(f->value[c], 0);
+        for (int k = 0; k < f->count; k++) {
+            int j = f->seeds[k] - medium->g[c];
+            f->slope[k][c] = j >= 0 && j < shapes ? slope[j] : itn__splat(0);
+        }
     }
 }
 
 /* A collision at the origin of the ray: the albedo, a shadow ray, then a new direction. */
 static void itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ray) {
-    float pdf[3], turn = walk->theta[medium->g[walk->place.hero]];
+    float pdf[3];
     int albedo[3];
     itn__vectors d = itn__splat_vector(ray->direction);
     itn__towards to;
     itn__floats x, y;
     itn__num p[3];
+    itn__factor f;
     walk->collisions++, walk->scatterings++;
     for (int c = 0; c < itn__channels(walk); c++) {
         albedo[c] = medium->albedo + c;
@@ -4299,16 +4466,20 @@ static void itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ra
     if (light_pdf > 0 && itn__is_lit(walk->scene, walk->theta, walk->place.refracting)) {
         x = itn__vone_minus_cosine(d, to.d);
         y = itn__vone_minus_cosine(d, itn__vscale(to.d, itn__splat(-1)));
-        itn__phase(walk, medium, x, y, p, pdf);
-        itn__weigh_each(walk, &walk->connection, medium->g, p, light_pdf);
+        itn__phase_factor(walk, medium, x, y, &f, pdf);
+        for (int c = 0; c < itn__channels(walk); c++)
+            itn__weigh(walk, &walk->connection, &f, c, light_pdf);
         itn__connect(walk, ray->origin, &to, NULL, 0,
                      light_pdf / (light_pdf + itn__mixture(walk, pdf)));
     }
     itn__floats u = itn__splat(itn__uniform(&walk->rng)), v = itn__splat(itn__uniform(&walk->rng));
-    d = itn__sample_hg(d, itn__splat(turn), u, v, &x, &y);
+    itn__phase phase = itn__phase_of(medium, walk->theta, walk->place.hero);
+    d = itn__phase_turn(&phase, d, u, v, &x, &y);
     ray->direction = itn__lane_vector(&d, 0);
-    itn__phase(walk, medium, x, y, p, pdf);
-    walk->pdf = itn__weigh_choice(walk, medium->g, p, pdf);
+    itn__phase_factor(walk, medium, x, y, &f, pdf);
+    walk->pdf = itn__choose_hero(walk, pdf);
+    for (int c = 0; c < itn__channels(walk); c++)
+        itn__weigh(walk, &walk->weight, &f, c, walk->pdf);
 }
 
 /* The site of a path on a surface with normal n, and what its slopes are by. */
@@ -5025,6 +5196,10 @@ ITN_API ITN__COLD itn_result itn_mesh_check(const itn_mesh *mesh, const itn_cont
    albedo and sigma_t_rgb will (itn__end_medium). */
 typedef itn_sky itn_sky_desc;
 #define ITN__COEFFICIENTS(name, c) ITN__FIELD(name, sky, coefficients[c], "9f!", ITN__ANY, 0)
+#define ITN__MEDIUM_FIELDS                                                                         \
+    ITN__SPECTRUM(medium, sigma_t, "13sR", ITN_LOG, 0, 1e12f, 0),                                  \
+        ITN__VALUE(medium, albedo, "13cS", ITN_LOGIT, 0, 1, 0), ITN__MU("mu_a", albedo),           \
+        ITN__MU("mu_s", sigma_t_rgb)
 #define ITN__MU(name, where) ITN__FIELD(name, medium, where, "13c", 0, 1e12f, 0)
 static const itn__field itn__forms[][ITN__MOST_FIELDS + 1] = { /* by kind, or kind + type */
     {ITN__FIELD("width", film, width, "1i", 1, 65536, 128),
@@ -5039,11 +5214,9 @@ static const itn__field itn__forms[][ITN__MOST_FIELDS + 1] = { /* by kind, or ki
      ITN__FIELD("target", camera, target, "3f!", ITN__ANY, 0),
      ITN__FIELD("up", camera, up, "3f", ITN__ANY, 0),
      ITN__FIELD("fov", camera, fov, "1f", 1e-6f, 179.999f, 30)},
-    {ITN__SPECTRUM(medium, sigma_t, "13sR", ITN_LOG, 0, 1e12f, 0),
-     ITN__VALUE(medium, albedo, "13cS", ITN_LOGIT, 0, 1, 0),
-     ITN__SPECTRUM(medium, g, "13s", ITN_LOGIT, -.999f, .999f, 0),
-     ITN__MU("mu_a", albedo), ITN__MU("mu_s", sigma_t_rgb), ITN__MU("mu_s'", sigma_t_rgb),
-     ITN__MU("mu_s_prime", sigma_t_rgb), ITN__MARK("phase", "o", "hg")},
+    {ITN__MEDIUM_FIELDS, ITN__SPECTRUM(medium, g, "13s", ITN_LOGIT, -.999f, .999f, 0),
+     ITN__MU("mu_s'", sigma_t_rgb), ITN__MU("mu_s_prime", sigma_t_rgb),
+     ITN__MARK("phase", "o", "hg")},
     {ITN__WORD("mesh", object, mesh, "m"), ITN__WORD("medium", object, medium, "w"),
      ITN__WORD("surface", object, surface, "w"), ITN__WORD("force", object, force, ""),
      ITN__FIELD("scale", object, transform, "13t", FLT_MIN, 1e12f, 0),
@@ -5058,17 +5231,27 @@ static const itn__field itn__forms[][ITN__MOST_FIELDS + 1] = { /* by kind, or ki
      ITN__FIELD("sun_radiance", sky, sun_radiance, "3f!", 0, ITN__MAX_RADIANCE, 0)},
     {ITN__VALUE(surface, reflectance2, "cS", ITN_LOGIT, 0, 1, 0),
      ITN__FIELD("checker_size", surface, checker_size, "1f", FLT_MIN, FLT_MAX, 1)},
-    {ITN__VALUE_BESIDE(surface, bump_scale, "1f?H", ITN_LOG, has_bump_scale, 0, 1e12f, 1)}};
+    {ITN__VALUE_BESIDE(surface, bump_scale, "1f?H", ITN_LOG, has_bump_scale, 0, 1e12f, 1)},
+    {ITN__MEDIUM_FIELDS,
+     {"kappa", "1f!", 0, 500, 0, offsetof(itn_medium_desc, kappa), offsetof(itn__medium, g),
+      ITN_LOG, 0, NULL},
+     ITN__MARK("phase", "o", "vmf")},
+    {ITN__MEDIUM_FIELDS, {"weight", "1x", 0, 1, 0, 0, 0, ITN_LOGIT, 0, NULL},
+     ITN__FIELD("hg", medium, lobes, "1x", -.999f, .999f, 0),
+     ITN__FIELD("vmf", medium, lobes, "1x", 0, 500, 0), ITN__MARK("phase", "o", "mix")}};
 enum {
     ITN__SKY_FORM = ITN__OBJECT + 2, /* of a file that is no item */
     ITN__CHECKER_FORM,               /* what a checker has more, in a desc */
     ITN__TILT_FORM,                  /* what heights have more */
+    ITN__PHASE_FORMS,                /* media of other phases than the first */
+    ITN__SHAPE_FIELD = 4,            /* of all phases: g, kappa, the weight of a lobe */
     ITN__MOST_PARTS = 4096,          /* of a blend */
     ITN__BSDFS = (int)(sizeof itn__bsdfs / sizeof itn__bsdfs[0])
 };
 
 static const itn__field *itn__fields_of(int kind, int type) {
     if (kind == ITN__SURFACE) return itn__bsdfs[type].fields;
+    if (kind == ITN__MEDIUM && type) return itn__forms[ITN__PHASE_FORMS + type - 1];
     return kind == ITN__LIGHT ? itn__light_models[type].fields : itn__forms[kind + type];
 }
 
@@ -5256,11 +5439,42 @@ static itn_result itn__make_camera(itn__maker *maker) {
     return ITN_OK;
 }
 
+/* Checks the lobes of a mixture and enters their parameters. */
+static itn_result itn__make_lobes(itn__maker *maker, const itn_medium_desc *in,
+                                  itn__medium *medium) {
+    double sum = 0;
+    medium->g[0] = maker->scene->parameter_count, medium->shapes = 2 * in->lobe_count - 1;
+    if (in->lobe_count < 1 || in->lobe_count > ITN__LOBES)
+        return ITN__REFUSE("a mixture has 1 to %d lobes", ITN__LOBES);
+    for (int k = 0; k <= medium->shapes && !maker->result; k++) {
+        const itn_lobe_desc *lobe = &in->lobes[k / 2];
+        float number = k % 2 ? lobe->weight : lobe->shape;
+        char words[100];
+        if (lobe->phase != ITN_PHASE_HG && lobe->phase != ITN_PHASE_VMF)
+            return ITN__REFUSE("lobe %d is neither hg nor vmf", k / 2 + 1);
+        const itn__field *field = &itn__fields_of(
+            ITN__MEDIUM, (int)(k % 2 ? ITN_PHASE_MIX : lobe->phase))[ITN__SHAPE_FIELD];
+        if (!itn__field_allows(field, number, words))
+            return ITN__REFUSE("lobe %d: %s %s", k / 2 + 1, field->name, words);
+        medium->lobes[k / 2] = (int)lobe->phase, sum += k % 2 ? number : 0;
+        if (k < medium->shapes) itn__add_parameter(maker, field, 3 + k / 2, number);
+    }
+    if (!maker->result && !(fabs(sum - 1) <= 1e-4))
+        return ITN__REFUSE("the weights of its lobes add up to %g, not to 1", sum);
+    return maker->result;
+}
+
 static itn_result itn__make_medium(itn__maker *maker, int index) {
     itn_medium_desc in = maker->desc->media[index];
     itn__medium *media = maker->scene->media, *medium = &media[maker->scene->medium_count++];
-    if (!itn__take_name(maker, ITN__MEDIUM, index, in.name, media, sizeof *media, index))
-        itn__take_fields(maker, itn__forms[ITN__MEDIUM], &in, medium);
+    if (itn__take_name(maker, ITN__MEDIUM, index, in.name, media, sizeof *media, index))
+        return maker->result;
+    if ((unsigned)in.phase > (unsigned)ITN_PHASE_MIX) return ITN__REFUSE("unknown phase");
+    medium->shapes = 1, medium->lobes[0] = (int)in.phase;
+    if (itn__take_fields(maker, itn__fields_of(ITN__MEDIUM, (int)in.phase), &in, medium))
+        return maker->result;
+    if (in.phase == ITN_PHASE_MIX) itn__make_lobes(maker, &in, medium);
+    if (in.phase != ITN_PHASE_HG) medium->g[1] = medium->g[2] = medium->g[0];
     maker->scene->spectral |= medium->sigma_t[1] != medium->sigma_t[0] ||
                               medium->g[1] != medium->g[0];
     return maker->result;
@@ -6612,16 +6826,17 @@ static itn_result itn__tables_get(itn__render *render, itn_error *error) {
    weight; pdf: the density by which d was drawn; relief: the weight of being guided ([walk]); up,
    level: the plane up . x = level of the last surface, up being out of the medium, or one adopted
    since ([value]); control: minus the sum of differences (itn__difference). For scores, since the
-   last surface: flights: sigma_t times those of flights; phases: those of turns by g; hits: number
-   of collisions; bases: what is to be taken off (itn__book). Of a shadow ray beta is what it would
+   last surface: flights: sigma_t times those of flights; hits: number of collisions; turns: scores
+   of turns by each shape of the phase function that is asked for; bases, and what stands behind
+   those scores: what is to be taken off (itn__book). Of a shadow ray beta is what it would
    bring, pdf is xi c of [walk]. */
 #define ITN__PATH_ROWS(number, vector, integer)                                                    \
     vector p, d;                                                                                   \
     number distance, beta[3], pdf, relief;                                                         \
     integer key0, key1, dimension, index, scramble; /* of random numbers; of Sobol points */       \
     vector up;                                                                                     \
-    number level, control[3], flights, phases, hits;                                               \
-    number flight_base[3], phase_base[3], hit_base[3];
+    number level, control[3], flights, hits, flight_base[3], hit_base[3];                          \
+    number turns[ITN__SHAPES][4];
 typedef struct itn__state {
     ITN__PATH_ROWS(itn__floats, itn__vectors, itn__ints)
     itn__ints slot; /* number of the path */
@@ -6643,8 +6858,8 @@ typedef struct itn__path {
     float brought[3];         /* what it has brought home since, */
     float found[3];           /* and of it from constant light */
 } itn__path;
-enum { /* rows: all, those without scores, and without V */
-    ITN__ROWS = offsetof(itn__path, hit) / 4,
+enum { /* rows: those of scores without turns, those without scores, and without V */
+    ITN__ROWS = offsetof(itn__path, turns) / 4,
     ITN__VALUE_ROWS = offsetof(itn__path, flights) / 4,
     ITN__FEW_ROWS = offsetof(itn__path, control) / 4
 };
@@ -6664,14 +6879,17 @@ typedef struct itn__value {
     float found[3];              /* and of that from constant light, which V is about: */
     itn__expansion flying[3];    /* V, */
     itn__expansion scattered[3]; /* its mean over a new direction, */
-    itn__expansion slope[3];     /* the slope of that by g, */
+    itn__expansion slope[ITN__SHAPES][3]; /* the slopes of that by shapes asked for, */
     float entering[3][ITN__ORDERS]; /* and V at z = 0 */
 } itn__value;
 
 /* A medium with its numbers at theta, or (index 0) all that is not a medium. */
 typedef struct itn__substance {
     const itn__medium *medium;
-    float sigma_t, mean_free_path, albedo[3], g;
+    float sigma_t, mean_free_path, albedo[3];
+    itn__phase phase;
+    int turns, turn[ITN__SHAPES]; /* how many of its shapes are asked for, and which */
+    double moment[ITN__ORDERS], by[ITN__ORDERS][ITN__SHAPES]; /* A_l, and slopes */
     int lit; /* light may come straight into it; else */
     float index, guided; /* its index, and the chance to be guided at its surface */
     itn__value value;
@@ -6806,18 +7024,23 @@ static void itn__book(itn__crowd *crowd, itn__path *path, int substance) {
         path->control[c] = 0;
     }
     if (!render->count || !substance) return;
-    int sigma_t = render->slots[at->medium->sigma_t[0]], g = render->slots[at->medium->g[0]];
+    int sigma_t = render->slots[at->medium->sigma_t[0]];
     if (sigma_t >= 0) path->scores[sigma_t] += path->flights / at->sigma_t;
-    if (g >= 0) path->scores[g] += path->phases;
+    for (int t = 0; t < at->turns; t++) {
+        int slot = render->slots[at->medium->g[0] + at->turn[t]];
+        path->scores[slot] += path->turns[t][0];
+        for (int c = 0; c < render->channels; c++)
+            itn__bring(crowd, path, slot, c, -path->turns[t][1 + c]);
+        memset(path->turns[t], 0, sizeof path->turns[t]);
+    }
     for (int c = 0; c < render->channels; c++) {
         int albedo = render->slots[at->medium->albedo + c];
         if (albedo >= 0) path->scores[albedo] += path->hits / at->albedo[c];
         if (albedo >= 0) itn__bring(crowd, path, albedo, c, -path->hit_base[c] / at->albedo[c]);
         if (sigma_t >= 0) itn__bring(crowd, path, sigma_t, c, -path->flight_base[c] / at->sigma_t);
-        if (g >= 0) itn__bring(crowd, path, g, c, -path->phase_base[c]);
-        path->flight_base[c] = path->phase_base[c] = path->hit_base[c] = 0;
+        path->flight_base[c] = path->hit_base[c] = 0;
     }
-    path->flights = path->phases = path->hits = 0;
+    path->flights = path->hits = 0;
 }
 
 /* A path ends. */
@@ -6854,10 +7077,10 @@ static void itn__find_hit(const itn_scene *scene, itn__path *path) {
    diffusion has near a plane: at depth z (in mean free paths) below the surface nearby and with
    cosine mu to its inward normal,
        V = sum over i of e^(-k_i z) v_i(mu),   k_i = i k,   polynomials v_i.
-   A new direction of the phase function turns the Legendre polynomial P_l(mu) into g^l P_l(mu) in
-   the mean. A flight is taken to end where it comes to the plane of the face, tau_0 mean free paths
-   on, with V at z = 0, or at a collision before: the mean of V over lengths is an integral of
-   exponentials. A plane is chosen before each flight; any would do.
+   A new direction of the phase function turns the Legendre polynomial P_l(mu) into A_l P_l(mu) in
+   the mean ([medium]). A flight is taken to end where it comes to the plane of the face, tau_0 mean
+   free paths on, with V at z = 0, or at a collision before: the mean of V over lengths is an
+   integral of exponentials. A plane is chosen before each flight; any would do.
 
    V is learnt from a few paths traced before the picture (itn__learn_values). They are marked
    somewhere on their way; what one brings home after its mark, per weight, is a lesson. V is a
@@ -6901,17 +7124,18 @@ static void itn__learn(itn__crowd *crowd) {
 }
 
 /* Sets V of channel c, 0 before, from its coefficients by Legendre polynomials. */
-static void itn__value_set(itn__value *value, int c, const double *a, double g) {
+static void itn__value_set(itn__substance *substance, int c, const double *a) {
+    itn__value *value = &substance->value;
     for (int i = 0; i < ITN__DECAYS; i++)
-        for (int l = 0; l < ITN__ORDERS; l++, a++) {
-            double power = pow(g, l), slope = l ? l * pow(g, l - 1) : 0;
+        for (int l = 0; l < ITN__ORDERS; l++, a++)
             for (int k = 0; k <= l; k++) {
                 double part = *a * itn__legendre[l][k];
                 value->flying[c][i][k] += (float)part, value->entering[c][k] += (float)part;
-                value->scattered[c][i][k] += (float)(part * power);
-                value->slope[c][i][k] += (float)(part * slope);
+                value->scattered[c][i][k] += (float)(part * substance->moment[l]);
+                for (int t = 0; t < substance->turns; t++)
+                    value->slope[t][c][i][k] +=
+                        (float)(part * substance->by[l][substance->turn[t]]);
             }
-        }
 }
 
 /* Solves n equations in rows of their coefficients and then right sides, which become solutions, by
@@ -6948,7 +7172,7 @@ static int itn__fit_value(const itn__render *render, itn__substance *substance,
         substance->value.mean[c] = (float)(sums[ITN__LESSON_SUMS - 3 + c] * unit / sums[0]);
         substance->value.found[c] = (float)(sums[TERMS + c] * unit / sums[0]);
         for (int i = 0; i < TERMS; i++) terms[i] = rows[i * WIDTH + TERMS + c];
-        itn__value_set(&substance->value, c, terms, substance->g);
+        itn__value_set(substance, c, terms);
     }
     return 1;
 }
@@ -6986,14 +7210,15 @@ static itn__floats itn__expand_view(const itn__view *view, const itn__expansion 
 }
 
 /* A choice has been made: what the lanes of the mask are now expected to bring, less what they had
-   been expected to, has mean 0 and is taken off. */
-ITN__INLINE void itn__difference(itn__state *s, int c, itn__floats now, itn__floats before,
-                                 itn__ints mask) {
+   been expected to, has mean 0 and is taken off. There is one medium. */
+ITN__INLINE void itn__difference(const itn__render *render, itn__state *s, int c, itn__floats now,
+                                 itn__floats before, itn__ints mask) {
     itn__floats difference = itn__select(mask, now - before, itn__splat(0));
     s->control[c] = s->control[c] - difference;
     s->flight_base[c] = s->flight_base[c] + difference * s->flights;
-    s->phase_base[c] = s->phase_base[c] + difference * s->phases;
     s->hit_base[c] = s->hit_base[c] + difference * s->hits;
+    for (int t = 0; t < render->substances[1].turns; t++)
+        s->turns[t][1 + c] = s->turns[t][1 + c] + difference * s->turns[t][0];
 }
 
 /* What lanes about to fly expect, per weight, if that is how the flight ends:
@@ -7052,14 +7277,14 @@ ITN__NOINLINE void itn__control_flight(const itn__render *render, const itn__sub
         collided = itn__select(crosses, a->at_face[c], collided);
         s->flight_base[c] = s->flight_base[c] +
                             beta * (score * (collided - value->found[c]) - a->slope[c]);
-        itn__difference(s, c, beta * collided, beta * a->mean[c], mask);
+        itn__difference(render, s, c, beta * collided, beta * a->mean[c], mask);
     }
 }
 
-/* New directions have been drawn where directions d ended, with these scores. */
+/* New directions have been drawn where directions d ended, with these scores by shapes. */
 ITN__NOINLINE void itn__control_direction(const itn__render *render,
                                           const itn__substance *substance, itn__state *s,
-                                          const itn__vectors *d, itn__floats score,
+                                          const itn__vectors *d, const itn__floats *scores,
                                           itn__floats weight, itn__ints mask) {
     const itn__value *value = &substance->value;
     itn__view view = itn__view_of(substance, s, d, itn__splat(0));
@@ -7067,11 +7292,13 @@ ITN__NOINLINE void itn__control_direction(const itn__render *render,
     for (int c = 0; c < render->channels; c++) {
         itn__floats beta = itn__select(mask, s->beta[c], itn__splat(0));
         itn__floats now = beta * weight * itn__expand_view(&view, value->flying[c], cosine);
-        itn__difference(s, c, now, beta * itn__expand_view(&view, value->scattered[c], view.cosine),
-                        mask);
-        if (render->count)
-            s->phase_base[c] = s->phase_base[c] + score * (now - beta * weight * value->found[c]) -
-                               beta * itn__expand_view(&view, value->slope[c], view.cosine);
+        itn__difference(render, s, c, now,
+                        beta * itn__expand_view(&view, value->scattered[c], view.cosine), mask);
+        for (int t = 0; t < substance->turns; t++)
+            s->turns[t][1 + c] = s->turns[t][1 + c] +
+                                 scores[substance->turn[t]] *
+                                     (now - beta * weight * value->found[c]) -
+                                 beta * itn__expand_view(&view, value->slope[t][c], view.cosine);
     }
 }
 
@@ -7108,7 +7335,7 @@ ITN__NOINLINE void itn__control_bounce(const itn__render *render, itn__state *s,
         }
     }
     for (int c = 0; c < render->channels; c++)
-        itn__difference(s, c, s->beta[c] * itn__select(good, taken[c], zero),
+        itn__difference(render, s, c, s->beta[c] * itn__select(good, taken[c], zero),
                         s->beta[c] * mean[c], mask);
 }
 
@@ -7429,7 +7656,7 @@ static itn__path *itn__send_shadow(itn__crowd *crowd, const itn__state *s, int k
     size_t count = (size_t)crowd->render->count;
     if (crowd->ray_count == ITN__CROWD) itn__trace_shadows(crowd);
     itn__path *ray = &crowd->rays[crowd->ray_count];
-    memset(&ray->control, 0, (ITN__ROWS - ITN__FEW_ROWS) * sizeof(float));
+    memset(&ray->control, 0, (size_t)(crowd->render->rows - ITN__FEW_ROWS) * sizeof(float));
     ray->owner = path, ray->place = path->place, ray->distance = reach;
     ray->pdf = ITN__LANE(draw->level, k);
     ray->scores = crowd->scores + (size_t)(ITN__CROWD + crowd->ray_count++) * count;
@@ -7464,7 +7691,7 @@ static itn__ints itn__roulette_lanes(const itn__crowd *crowd, int substance, itn
     for (int c = 0; c < render->channels; c++) {
         itn__floats raised = s->beta[c] / survival;
         if (render->controls)
-            itn__difference(s, c, itn__select(survives, raised, itn__splat(0)) * value[c],
+            itn__difference(render, s, c, itn__select(survives, raised, itn__splat(0)) * value[c],
                             s->beta[c] * value[c], low);
         s->beta[c] = itn__select(low, raised, s->beta[c]);
     }
@@ -7478,11 +7705,11 @@ static void itn__light_collisions(itn__crowd *crowd, int substance, itn__state *
     const itn__substance *medium = &crowd->render->substances[substance];
     itn__light_draw light;
     itn__sample_lights(crowd, s, &mask, &light);
-    itn__floats x = itn__vone_minus_cosine(s->d, light.direction), q;
+    itn__floats x = itn__vone_minus_cosine(s->d, light.direction), q, slope[ITN__SHAPES];
     itn__floats y = itn__vone_minus_cosine(s->d, itn__vscale(light.direction, itn__splat(-1)));
-    itn__num p = itn__hg(itn__variable(itn__splat(medium->g)), x, y);
-    const itn__floats f[3] = {p.v, p.v, p.v};
-    unsigned bits = itn__cut_shadows(crowd, s, mask, f, p.v, &light);
+    itn__floats p = itn__phase_density(&medium->phase, x, y, slope);
+    const itn__floats f[3] = {p, p, p};
+    unsigned bits = itn__cut_shadows(crowd, s, mask, f, p, &light);
     itn__floats reach = light.depth * medium->mean_free_path;
     bits &= ~itn__mask_bits(itn__free_flight(space, itn__valong(s->p, reach, light.direction),
                                              light.direction, &q));
@@ -7491,7 +7718,9 @@ static void itn__light_collisions(itn__crowd *crowd, int substance, itn__state *
         itn__path *ray = itn__send_shadow(crowd, s, k, &light, ITN__LANE(reach, k));
         itn__leave_behind(&ray->place);
         ray->flights = ITN__LANE(s->flights, k), ray->hits = ITN__LANE(s->hits, k);
-        ray->phases = ITN__LANE(s->phases, k) + ITN__LANE(p.d, k) / ITN__LANE(p.v, k);
+        for (int t = 0; t < medium->turns; t++)
+            ray->turns[t][0] = ITN__LANE(s->turns[t][0], k) +
+                               ITN__LANE(slope[medium->turn[t]], k) / ITN__LANE(p, k);
         itn__book(crowd, ray, substance);
     }
 }
@@ -7508,6 +7737,7 @@ ITN__NOINLINE itn__floats itn__guide_lanes(const itn__crowd *crowd,
     const itn__light *guide = &crowd->render->scene->guide;
     float n = medium->index;
     itn__floats zero = itn__splat(0), one = itn__splat(1), minus = itn__splat(-1);
+    itn__floats slope[ITN__SHAPES];
     itn__vectors up = s->up;
     itn__floats level = s->level;
     itn__look_around(crowd->render->voxels, s->p, mask, NULL, &up, &level);
@@ -7537,7 +7767,7 @@ ITN__NOINLINE itn__floats itn__guide_lanes(const itn__crowd *crowd,
         pdf += itn__grid_pdf(guide, &to);
     }
     pdf = itn__select(leaves, pdf * (n * n) * cosine / itn__select(leaves, outside, one), zero);
-    itn__floats p = itn__hg(itn__constant(itn__splat(medium->g)), *x, *y).v;
+    itn__floats p = itn__phase_density(&medium->phase, *x, *y, slope);
     itn__floats weight = itn__select(mask, p / (p + q * (pdf - p)), one);
     itn__floats relief = itn__most(itn__least(weight, one), itn__splat(FLT_MIN));
     s->relief = itn__select(mask, relief, s->relief);
@@ -7550,7 +7780,7 @@ static itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state *s, i
                               const itn__free_space *space) {
     const itn__render *render = crowd->render;
     const itn__substance *medium = &render->substances[substance];
-    itn__floats x, y, zero = itn__splat(0);
+    itn__floats x, y, zero = itn__splat(0), scores[ITN__SHAPES];
     itn__ints alive = itn__splat_int(0);
     itn__vectors d = s->d;
     crowd->collisions += itn__count_bits(itn__mask_bits(mask));
@@ -7565,19 +7795,21 @@ static itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state *s, i
     if (medium->lit) itn__light_collisions(crowd, substance, s, mask, space);
     else if (render->scene->last_sampled >= 0) s->dimension += itn__splat_int(3) & mask;
     itn__floats u = itn__draw(crowd, s, mask), v = itn__draw(crowd, s, mask);
-    s->d = itn__vselect(mask, itn__sample_hg(d, itn__splat(medium->g), u, v, &x, &y), d);
+    s->d = itn__vselect(mask, itn__phase_turn(&medium->phase, d, u, v, &x, &y), d);
     itn__floats weight = itn__splat(1);
     if (medium->guided > 0) weight = itn__guide_lanes(crowd, medium, s, &d, mask, &x, &y);
-    score = zero;
-    if (!render->only_constant || render->count) {
-        itn__num p = itn__hg(itn__variable(itn__splat(medium->g)), x, y);
-        s->pdf = itn__select(mask, p.v, s->pdf), score = itn__select(mask, p.d / p.v, zero);
+    if (!render->only_constant || medium->turns) {
+        itn__floats p = itn__phase_density(&medium->phase, x, y, scores);
+        s->pdf = itn__select(mask, p, s->pdf);
+        for (int j = 0; j < medium->phase.shapes; j++)
+            scores[j] = itn__select(mask, scores[j] / p, zero);
     }
-    if (render->controls) itn__control_direction(render, medium, s, &d, score, weight, mask);
-    s->phases = s->phases + score;
-    for (int c = 0; c < render->channels; c++) {
-        s->beta[c] = s->beta[c] * weight;
-        s->phase_base[c] = s->phase_base[c] + score * s->beta[c] * medium->value.mean[c];
+    if (render->controls) itn__control_direction(render, medium, s, &d, scores, weight, mask);
+    for (int c = 0; c < render->channels; c++) s->beta[c] = s->beta[c] * weight;
+    for (int t = 0; t < medium->turns; t++) {
+        score = scores[medium->turn[t]], s->turns[t][0] = s->turns[t][0] + score;
+        for (int c = 0; c < render->channels; c++)
+            s->turns[t][1 + c] = s->turns[t][1 + c] + score * s->beta[c] * medium->value.mean[c];
     }
     return mask;
 }
@@ -7926,7 +8158,7 @@ static itn__path *itn__start_path(itn__crowd *crowd, size_t pixel, int sample, i
     uint64_t seed = render->options.seed;
     itn__rng rng = itn__rng_make(seed, pixel, (uint64_t)(sample * render->walks + walk));
     itn__rng set = itn__rng_make(~seed, pixel, (uint64_t)(sample / render->set));
-    memset(path, 0, ITN__ROWS * sizeof(float));
+    memset(path, 0, offsetof(itn__path, hit));
     path->owner = path, path->place = render->camera, path->mark = 0;
     path->scores = crowd->scores + (size_t)(path - crowd->paths) * (size_t)render->count;
     for (int k = 0; k < render->count; k++) path->scores[k] = 0;
@@ -8054,6 +8286,7 @@ static int itn__fast_know(itn__render *render) {
     const itn_scene *scene = render->scene;
     const float *theta = render->theta;
     double level = 0;
+    int turns = 0;
     float brightest = 0; /* of albedos and reflectances: what an object can be in a light of 1 */
     render->substances = ITN__TAKE(itn__substance, render, 1 + scene->medium_count);
     if (!render->substances) return 0;
@@ -8063,13 +8296,19 @@ static int itn__fast_know(itn__render *render) {
         const itn__medium *medium = &scene->media[i];
         itn__substance *at = &render->substances[1 + i];
         float albedo = 0; /* mean of the channels */
-        at->medium = medium, at->sigma_t = theta[medium->sigma_t[0]], at->g = theta[medium->g[0]];
+        at->phase = itn__phase_of(medium, theta, 0);
+        for (int j = 0; j < medium->shapes && render->count; j++)
+            if (render->slots[medium->g[0] + j] >= 0) at->turn[at->turns++] = j;
+        for (int l = 0; l < ITN__ORDERS; l++)
+            at->moment[l] = itn__phase_moment(&at->phase, l, at->by[l]);
+        if (at->turns > turns) turns = at->turns;
+        at->medium = medium, at->sigma_t = theta[medium->sigma_t[0]];
         at->mean_free_path = 1 / at->sigma_t;
         for (int c = 0; c < 3; c++) {
             at->albedo[c] = theta[medium->albedo + (c < render->channels ? c : 0)];
             albedo += at->albedo[c] / 3;
         }
-        float reduced = 1 - at->g * albedo; /* the decay of V is that of diffusion */
+        float reduced = 1 - (float)at->moment[1] * albedo; /* the decay of V is that of diffusion */
         at->value.decay = itn__clamp(sqrtf(3 * (1 - albedo) * reduced), .1f * fminf(reduced, 1),
                                      .95f / (ITN__DECAYS - 1));
     }
@@ -8107,7 +8346,8 @@ static int itn__fast_know(itn__render *render) {
     render->controls = render->learns && knows && scene->medium_count == 1 &&
                        render->samples * render->walks >= (render->count ? 1 : 4) * ITN__LESSONS;
     render->learns &= render->count || render->controls;
-    render->rows = render->count ? ITN__ROWS : render->controls ? ITN__VALUE_ROWS : ITN__FEW_ROWS;
+    render->rows = render->count ? ITN__ROWS + 4 * turns
+                                 : render->controls ? ITN__VALUE_ROWS : ITN__FEW_ROWS;
     return 1;
 }
 
@@ -9515,9 +9755,9 @@ ITN_API itn_result itn_net_step(itn_net *net, double rate, itn_error *error) {
 
    Coordinates are logarithms and logits, where bounds are out of reach. Pictures of a dense medium
    hardly change while sigma_t albedo (1 - g) and sigma_t (1 - albedo) stay (similarity relations,
-   Wyman, Patterson and Wilson 1989): the loss has a long, curved valley. Where g is unknown, two
-   coordinates therefore lie along it:
-       u = ln sigma_t + ln(1 - g),    v = logit(albedo) + ln(1 - g),    and g's own. */
+   Wyman, Patterson and Wilson 1989): the loss has a long, curved valley. Where the mean cosine g is
+   unknown, two coordinates therefore lie along it:
+       u = ln sigma_t + ln(1 - g),    v = logit(albedo) + ln(1 - g),    and those of the shapes. */
 
 enum { ITN__MOST_UNKNOWNS = 256, ITN__BROAD = 6, ITN__NARROW = 3 /* passes of a blur */ };
 #define ITN__NARROW_OWN .0976563 /* of a pixel's blurred value, (C(6, 3) / 2^6)^2 */
@@ -9549,12 +9789,19 @@ typedef struct itn__misfit {
                                     the noise of renders alone, and by that over all pixels */
 } itn__misfit;
 
+/* A phase function that is searched for: which unknown is each of its shapes, or -1. */
+typedef struct itn__sought {
+    const itn__medium *medium; /* NULL: none */
+    const float *shape; /* those that are known */
+    int unknown[ITN__SHAPES];
+} itn__sought;
+
 typedef struct itn__refiner {
     itn_refine_options options;
     itn__refine_view *views;
     int view_count, count;
     const itn_parameter *parameters[ITN__MOST_UNKNOWNS]; /* in the first view that has it */
-    int g[ITN__MOST_UNKNOWNS]; /* which unknown is the g of a sigma_t or an albedo; or -1 */
+    itn__sought g[ITN__MOST_UNKNOWNS]; /* of the medium that a sigma_t or an albedo is of */
     float values[ITN__MOST_UNKNOWNS];
     double value_errors[ITN__MOST_UNKNOWNS], step[ITN__MOST_UNKNOWNS];
     double coordinates[ITN__MOST_UNKNOWNS], before[ITN__MOST_UNKNOWNS]; /* of the point before */
@@ -9576,20 +9823,34 @@ typedef struct itn__refiner {
     itn_refine_step shown; /* to the caller */
 } itn__refiner;
 
+/* 1 - g of such a phase function at transformed coordinates, and the slopes of g by its shapes. */
+static double itn__one_minus_g(const itn__refiner *refiner, const itn__sought *g,
+                               const double *coordinates, double *slope) {
+    itn__phase phase;
+    for (int j = 0; j < g->medium->shapes; j++) {
+        int k = g->unknown[j];
+        phase.shape[j] = k < 0 ? (double)g->shape[j] : itn_parameter_from_coordinate(
+                                                           refiner->parameters[k], coordinates[k]);
+    }
+    itn__phase_make(&phase, g->medium);
+    return 1 - itn__phase_moment(&phase, 1, slope);
+}
+
 /* Turns transformed coordinates into those along the valley (direction 1) or back (-1). */
 static void itn__along_valley(const itn__refiner *refiner, double *coordinates, int direction) {
-    int g;
+    double slope[ITN__SHAPES];
     for (int k = 0; k < refiner->count; k++)
-        if ((g = refiner->g[k]) >= 0)
-            coordinates[k] += direction * log(1 - itn_parameter_from_coordinate(
-                                                      refiner->parameters[g], coordinates[g]));
+        if (refiner->g[k].medium)
+            coordinates[k] +=
+                direction * log(itn__one_minus_g(refiner, &refiner->g[k], coordinates, slope));
 }
 
 /* Sets the unknowns, in all views, from coordinates, and G; what would lie beyond its bounds is
    held on them. */
 static void itn__refine_set(itn__refiner *refiner, const double *coordinates) {
     double plain[ITN__MOST_UNKNOWNS], values[ITN__MOST_UNKNOWNS], *turn = refiner->turn;
-    int n = refiner->count, held = 0, g;
+    double slope[ITN__SHAPES];
+    int n = refiner->count, held = 0;
     size_t size = (size_t)n * sizeof(double);
     memcpy(plain, coordinates, size), memcpy(refiner->coordinates, coordinates, size);
     memset(turn, 0, (size_t)n * size);
@@ -9602,9 +9863,14 @@ static void itn__refine_set(itn__refiner *refiner, const double *coordinates) {
         refiner->values[k] = itn__clamp((float)values[k], p->lower, p->upper);
         turn[k * (n + 1)] = itn_parameter_slope(p, values[k]);
     }
-    for (int k = 0; k < n; k++)
-        if ((g = refiner->g[k]) >= 0)
-            turn[k * n + g] = turn[k * (n + 1)] * turn[g * (n + 1)] / fmax(1 - values[g], 1e-7);
+    for (int k = 0; k < n; k++) {
+        const itn__sought *g = &refiner->g[k];
+        double left = g->medium ? itn__one_minus_g(refiner, g, plain, slope) : 0;
+        for (int j = 0, of; g->medium && j < g->medium->shapes; j++)
+            if ((of = g->unknown[j]) >= 0)
+                turn[k * n + of] = turn[k * (n + 1)] * turn[of * (n + 1)] * slope[j] /
+                                   fmax(left, 1e-7);
+    }
     if (held) itn__along_valley(refiner, plain, 1), memcpy(refiner->coordinates, plain, size);
     for (int v = 0; v < refiner->view_count; v++) {
         const itn__refine_view *view = &refiner->views[v];
@@ -10194,6 +10460,25 @@ static itn_result itn__view_check(const itn_view *given, int index, itn_error *e
                        sum / counted);
 }
 
+/* Finds the phase functions of every sigma_t and albedo that are unknown, where they are, too. */
+static void itn__find_phases(itn__refiner *refiner, const itn__refine_view *view) {
+    const int *sought = view->given->parameters;
+    for (int i = 0; i < view->scene->medium_count * view->scene->film.channels * refiner->count;
+         i++) {
+        int k = i % refiner->count, m = i / refiner->count, found = 0;
+        int c = m % view->scene->film.channels;
+        const itn__medium *medium = &view->scene->media[m / view->scene->film.channels];
+        itn__sought g = {medium, view->theta + medium->g[c], {0}};
+        if (sought[k] != medium->sigma_t[c] && sought[k] != medium->albedo + c) continue;
+        for (int j = 0; j < medium->shapes; j++) {
+            g.unknown[j] = -1;
+            for (int other = 0; other < refiner->count; other++)
+                if (sought[other] == medium->g[c] + j) g.unknown[j] = other, found = 1;
+        }
+        if (found) refiner->g[k] = g;
+    }
+}
+
 /* Finds which of the unknowns a view has, as which parameters, and the g of every sigma_t and
    albedo; allocates its arrays, as one block that begins with theta, and fills theta in. */
 static itn_result itn__view_begin(itn__refiner *refiner, int index, const float *values,
@@ -10215,16 +10500,6 @@ static itn_result itn__view_begin(itn__refiner *refiner, int index, const float 
         view->parameters[view->asked] = asked, view->unknowns[view->asked++] = k;
     }
     if (!view->asked) return ITN__REJECT("view %d has none of the unknowns", index);
-    for (int m = 0; m < view->scene->medium_count * film->channels; m++) {
-        const itn__medium *medium = &view->scene->media[m / film->channels];
-        int c = m % film->channels;
-        for (int k = 0; k < refiner->count * refiner->count; k++) {
-            int p = view->given->parameters[k / refiner->count], other = k % refiner->count;
-            if ((p == medium->sigma_t[c] || p == medium->albedo + c) &&
-                view->given->parameters[other] == medium->g[c])
-                refiner->g[k / refiner->count] = other;
-        }
-    }
     float *at = (float *)itn__allocate(&refiner->views->scene->context, own + pixels,
                                        (14 + 7 * n) * sizeof(float)); /* more than enough */
     if (!at) return itn__out_of_memory(error, "itn_refine");
@@ -10239,6 +10514,7 @@ static itn_result itn__view_begin(itn__refiner *refiner, int index, const float 
     if (view->given->theta) memcpy(view->theta, view->given->theta, own * sizeof(float));
     for (int k = 0; k < view->asked; k++)
         view->theta[view->parameters[k]] = values[view->unknowns[k]];
+    itn__find_phases(refiner, view);
     return itn__check_theta(view->scene, view->theta, error);
 }
 
@@ -10253,7 +10529,6 @@ static ITN__COLD itn_result itn__refine_begin(itn__refiner *refiner, const itn_v
     if (!refiner->views || !refiner->turn) return itn__out_of_memory(error, "itn_refine");
     refiner->matrix = refiner->turn + n * n, refiner->axes = refiner->matrix + n * n;
     refiner->noise = refiner->axes + n * n, refiner->covariance = refiner->noise + n * n;
-    for (int k = 0; k < refiner->count; k++) refiner->g[k] = -1;
     for (int v = 0; v < refiner->view_count; v++) {
         refiner->views[v].given = &views[v], refiner->views[v].scene = views[v].scene;
         itn_result result = itn__view_check(&views[v], v, error);
@@ -12078,8 +12353,23 @@ static int itn__transform_add(float transform[12], char step, const float n[4]) 
     return good && largest >= (double)FLT_MIN;
 }
 
-/* Takes numbers: a step of a transform; of a checker, A B SIZE, with A and B of one number or of
-   three; or what the field is, where `beside` may say that a 0 is meant. */
+/* Takes a lobe of a mixture, or the weight that must stand behind it: -1 until it does. */
+static void itn__take_lobe(itn__reader *r, const itn__field *field, float number) {
+    itn_medium_desc *medium = (itn_medium_desc *)(void *)r->item;
+    int k = medium->lobe_count, weighs = *field->name == 'w';
+    itn_lobe_desc *lobe = &medium->lobes[k - (k > 0)];
+    if (weighs != (k && lobe->weight < 0) || (!weighs && k == ITN__LOBES)) {
+        ITN__WRONG("a mixture has up to %d lobes hg G weight W or vmf K weight W", ITN__LOBES);
+    } else if (weighs) {
+        lobe->weight = number;
+    } else {
+        lobe = &medium->lobes[medium->lobe_count++], lobe->shape = number, lobe->weight = -1;
+        lobe->phase = *field->name == 'v' ? ITN_PHASE_VMF : ITN_PHASE_HG;
+    }
+}
+
+/* Takes numbers: a step of a transform; a lobe; of a checker, A B SIZE, with A and B of one number
+   or of three; or what the field is, where `beside` may say that a 0 is meant. */
 static void itn__take_numbers(itn__reader *r, const itn__field *field, float *n, int count) {
     itn_object_desc *object = (itn_object_desc *)(void *)r->item;
     itn_surface_desc *surface = (itn_surface_desc *)(void *)r->item;
@@ -12090,6 +12380,8 @@ static void itn__take_numbers(itn__reader *r, const itn__field *field, float *n,
         if (count == 1) n[1] = n[2] = n[0];
         if (!itn__transform_add(object->transform, *field->name, n))
             ITN__WRONG("%s: the axis is zero, or the result too large or too small", field->name);
+    } else if (itn__has_form(field, 'x')) {
+        itn__take_lobe(r, field, *n);
     } else if (itn__has_form(field, 'k')) {
         if (!(n[2 * half] > 0)) ITN__WRONG("checker: SIZE is not positive");
         surface->texture = ITN_TEXTURE_CHECKER, surface->checker_size = n[2 * half];
@@ -12186,7 +12478,7 @@ static void itn__read_fields(itn__reader *r) {
     while (!itn__line_done(&r->text)) {
         int k = itn__choose(r, &r->text, r->kind, r->known);
         if (k < 0) return;
-        if (r->given[k] && !itn__has_form(&r->fields[k], 't')) /* which may come again */
+        if (r->given[k] && !strpbrk(r->fields[k].form, "tx")) /* which may come again */
             ITN__WRONG("%s is given twice", r->fields[k].name);
         else r->given[k] = 1 + itn__read_field(r, &r->fields[k]);
     }
@@ -12205,15 +12497,15 @@ static void itn__end_fields(itn__reader *r) {
 
 /* A medium has sigma_t and albedo, or mu_a and mu_s, or mu_a, mu_s' = mu_s (1 - g) and g. */
 static void itn__end_medium(itn__reader *r, itn_medium_desc *medium) {
-    const int *given = r->given; /* sigma_t albedo g mu_a mu_s mu_s' mu_s_prime */
-    int scattering = !!given[4] + !!given[5] + !!given[6], equal = 1;
-    if (given[0] && given[1] && !given[3] && !scattering) return;
-    if (given[0] || given[1] || !given[3] || scattering != 1 || (!given[4] && !given[2]))
+    const int *given = r->given; /* sigma_t albedo mu_a mu_s; with phase hg g mu_s' mu_s_prime */
+    int reduced = medium->phase == ITN_PHASE_HG ? !!given[5] + !!given[6] : 0, equal = 1;
+    if (given[0] && given[1] && !given[2] && !given[3] && !reduced) return;
+    if (given[0] || given[1] || !given[2] || !!given[3] + reduced != 1 || (reduced && !given[4]))
         ITN__WRONG("a medium has either sigma_t and albedo, or mu_a and mu_s, or mu_a, mu_s' (or "
                    "mu_s_prime) and g");
     for (int c = 0; c < 3; c++) {
-        float g = given[2] == 4 ? medium->g_rgb[c] : medium->g, mu_a = medium->albedo[c];
-        float mu_s = medium->sigma_t_rgb[c] / (given[4] ? 1 : 1 - g), sigma_t = mu_a + mu_s;
+        float g = given[4] == 4 ? medium->g_rgb[c] : medium->g, mu_a = medium->albedo[c];
+        float mu_s = medium->sigma_t_rgb[c] / (given[3] ? 1 : 1 - g), sigma_t = mu_a + mu_s;
         medium->albedo[c] = sigma_t > 0 ? mu_s / sigma_t : 0, medium->sigma_t_rgb[c] = sigma_t;
         equal &= fabsf(sigma_t - medium->sigma_t_rgb[0]) <= 1e-6f * sigma_t;
     }
@@ -12311,10 +12603,12 @@ static void itn__read_item(itn__reader *r) {
         ITN__WRONG("%s was given in line %d", itn__kinds[kind], r->lines[kind][0]);
     if (index == ITN__MOST_ITEMS) ITN__WRONG("more than %d items of this kind", index);
     itn__text ahead = r->text;
-    if (kind == ITN__SURFACE) /* its type stands somewhere behind its name */
+    if (kind == ITN__SURFACE || kind == ITN__MEDIUM) /* it stands somewhere behind the name */
         do ahead.at += itn__word_length(&ahead);
-        while (!itn__line_done(&ahead) && itn__accept(&ahead, "type") < 0);
-    if (itn__types[kind]) type = itn__choose(r, &ahead, itn__kinds[kind], itn__types[kind]);
+        while (!itn__line_done(&ahead) &&
+               itn__accept(&ahead, kind == ITN__SURFACE ? "type" : "phase") < 0);
+    if (itn__types[kind] && (kind != ITN__MEDIUM || !itn__line_done(&ahead)))
+        type = itn__choose(r, &ahead, itn__kinds[kind], itn__types[kind]);
     if (r->text.result) return;
     void *items[ITN__KINDS] = {&r->desc.film,     &r->desc.camera,     &r->media[index],
                                &r->objects[index], &r->surfaces[index], &r->lights[index]};
@@ -12322,6 +12616,7 @@ static void itn__read_item(itn__reader *r) {
     r->item = (char *)items[kind], r->lines[kind][index] = r->text.line;
     memset(r->given, 0, sizeof r->given);
     if (kind == ITN__MEDIUM || kind == ITN__SURFACE) itn__read_name(r, r->item); /* it is first */
+    if (kind == ITN__MEDIUM) r->media[index].phase = (itn_phase_type)type;
     if (kind == ITN__SURFACE) r->surfaces[index].type = (itn_surface_type)type;
     if (kind == ITN__LIGHT) r->lights[index].type = (itn_light_type)type;
     for (int k = 0; k < 3 && kind == ITN__OBJECT; k++) r->objects[index].transform[5 * k] = 1;

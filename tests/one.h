@@ -45,8 +45,11 @@ static inline one_dual one_phase(float g, float x, float y) {
 static inline itn_vec3 one_sample_phase(itn_vec3 d, float g, float u, float v, float *x,
                                         float *y) {
     itn__floats xs, ys;
-    itn__vectors to = itn__sample_hg(one_vectors(d), one_lanes(g), one_lanes(u),
-                                            one_lanes(v), &xs, &ys);
+    itn__medium medium = ITN_ZERO;
+    itn__phase phase;
+    medium.shapes = 1, phase.shape[0] = g;
+    itn__phase_make(&phase, &medium);
+    itn__vectors to = itn__phase_turn(&phase, one_vectors(d), one_lanes(u), one_lanes(v), &xs, &ys);
     *x = one_of(xs), *y = one_of(ys);
     return one_vector(to);
 }

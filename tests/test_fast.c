@@ -373,7 +373,7 @@ static void check_paths(int which, int planted) {
     in.render.shadow_cut = 0, in.render.roulette = ITN__ROULETTE;
     no_guide(&in);
     CHECK(itn__walk_make(&walk, &in.render, NULL));
-    if (planted == 2) in.render.substances[1].g += .001f;
+    if (planted == 2) in.render.substances[1].phase.shape[0] += .001;
     if (planted == 3) in.render.constant[0] *= 1.0001f;
     memcpy(slots, in.render.slots, (size_t)scene->parameter_count * sizeof *slots);
     walk.slots = slots;
@@ -416,14 +416,16 @@ static void mislead(inside *in, int planted) {
     itn__render *render = &in->render;
     double terms[ITN__TERMS];
     int m, c, i;
-    render->controls = 1, render->rows = ITN__ROWS;
+    render->controls = 1, render->rows = ITN__ROWS + 4 * render->substances[1].turns;
     for (m = 0; m <= in->scene->medium_count; m++)
         for (c = 0; c < 3; c++) {
-            itn__value *value = &render->substances[m].value;
-            float g = render->substances[m].g + (planted == 1 ? .3f : 0);
+            itn__substance *substance = &render->substances[m];
+            itn__value *value = &substance->value;
+            for (i = 0; i < ITN__ORDERS && c == 0 && planted == 1; i++)
+                substance->moment[i] = pow(substance->phase.shape[0] + .3, i);
             for (i = 0; i < ITN__TERMS; i++) terms[i] = .4 / (1 + (i * 7 + m + c) % 5);
-            itn__value_set(value, c, terms, g);
-            if (planted == 2) memset(value->slope[c], 0, sizeof value->slope[c]);
+            itn__value_set(substance, c, terms);
+            if (planted == 2) memset(value->slope, 0, sizeof value->slope);
             if (planted == 3) memcpy(value->scattered[c], value->flying[c], sizeof *value->flying);
         }
 }
@@ -984,7 +986,7 @@ static void check_guide(int which, int planted) {
             ITN__LANE(s.beta[0], k) = 1;
         }
         s.p = itn__splat_vector(itn__vec3(0, 0, 0)), s.up = up;
-        s.d = itn__sample_hg(old, itn__splat(medium->g), u, v, &x, &y);
+        s.d = itn__phase_turn(&medium->phase, old, u, v, &x, &y);
         phase_only = itn__vdot(s.d, up);
         itn__floats weight = itn__guide_lanes(in.render.workers[0].crowd, medium, &s, &old,
                                               itn__splat_int(-1), &x, &y);
@@ -997,7 +999,7 @@ static void check_guide(int which, int planted) {
             for (c = 0; c < 3; c++) sums[c] += f[c] / n, squares[c] += f[c] * f[c] / n;
         }
     }
-    expected[1] = medium->g;
+    expected[1] = medium->moment[1];
     CHECK(turned > .02 * n);
     for (c = 0; c < 3; c++) {
         double sigma = sqrt((squares[c] - sums[c] * sums[c]) / n);

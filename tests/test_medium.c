@@ -186,6 +186,116 @@ static void test_phase(void) {
     CHECK_CATCHES(check_slope(.6f, -1));
 }
 
+/* ---- von Mises and Fisher, mixtures ---------------------------------------------------------- */
+
+typedef struct mixture {
+    int shapes, lobes[ITN__LOBES]; /* 0 Henyey and Greenstein, 1 von Mises and Fisher */
+    double shape[ITN__SHAPES];
+} mixture;
+static const mixture mixtures[] = {
+    {1, {1}, {0}}, {1, {1}, {1e-4}}, {1, {1}, {.249}}, {1, {1}, {.251}}, {1, {1}, {4}},
+    {1, {1}, {60}}, {1, {1}, {500}}, {3, {0, 0}, {.8, .7, -.3}}, {3, {0, 1}, {-.5, 1, 2}},
+    {5, {1, 0, 1}, {20, .5, -.3, .2, 1}}, {7, {0, 1, 0, 1}, {.3, .1, 100, .2, -.8, .3, 5}},
+    {5, {0, 1, 0}, {.6, .9, 3, .6, -.2}}}; /* its weights are divided by 1.5 */
+
+/* The formulas in double. */
+static double mixture_density(const mixture *m, const double *shape, double x) {
+    double sum = 0, p = 0;
+    for (int j = 1; j < m->shapes; j += 2) sum += shape[j];
+    for (int k = 0; 2 * k < m->shapes; k++) {
+        double a = shape[2 * k], whole = fmax(sum, 1);
+        double w = (2 * k + 1 < m->shapes ? shape[2 * k + 1] : whole - sum) / whole;
+        double q = a == 0 ? 1 / (4 * medium_pi)
+                          : a * exp(-a * x) / (-2 * medium_pi * expm1(-2 * a));
+        p += w * (m->lobes[k] ? q : henyey_greenstein(a, x));
+    }
+    return p;
+}
+
+/* Density, slopes by shapes, moments and their slopes, and draws, of one row. planted: an error of
+   the density (1), of slopes (2), of moments (3), of draws (4). */
+static void check_mixture(const mixture *m, int planted) {
+    enum { BINS = 32, STEPS = 1 << 15, DRAWS = 1 << 17 };
+    itn__medium medium = ITN_ZERO;
+    itn__phase phase;
+    itn__rng rng = itn__rng_make(7, (uint64_t)(m - mixtures), 0);
+    double total = 0, score[ITN__SHAPES] = {0}, moment[5] = {0}, expected[BINS] = {0}, chi = 0;
+    double top = log(1 + 2e3), slope[ITN__SHAPES], other[ITN__SHAPES], counts[2][BINS] = {{0}};
+    double by[5][ITN__SHAPES] = {{0}}, worst = 0;
+    itn__floats slopes[ITN__SHAPES];
+    medium.shapes = m->shapes;
+    for (int k = 0; k < ITN__LOBES; k++) medium.lobes[k] = m->lobes[k];
+    memcpy(phase.shape, m->shape, sizeof phase.shape);
+    itn__phase_make(&phase, &medium);
+    for (int i = 0; i < STEPS; i++) { /* x = (e^t - 1) / 1000 */
+        double t = (i + .5) / STEPS * top, x = 1e-3 * expm1(t), dx = 1e-3 * exp(t) * top / STEPS;
+        double p1 = 1 - x, p0 = 1, area = 2 * medium_pi * dx;
+        double p = (double)one_of(itn__phase_density(&phase, one_lanes((float)x),
+                                                     one_lanes((float)(2 - x)), slopes));
+        double truth = mixture_density(m, m->shape, x);
+        if (planted == 1) p *= 1.001;
+        total += p * area, expected[(int)(x * BINS / 2.000001)] += truth * area;
+        if (truth > 1e-30) worst = fmax(worst, fabs(p / truth - 1)); /* e^-80 is the least */
+        for (int l = 0; l < 5; l++) {
+            moment[l] += p0 * p * area;
+            for (int j = 0; j < m->shapes; j++)
+                by[l][j] += p0 * area * (double)one_of(slopes[j]);
+            double next = ((2 * l + 3) * (1 - x) * p1 - (l + 1) * p0) / (l + 2);
+            p0 = p1, p1 = next;
+        }
+        for (int j = 0; j < m->shapes; j++) {
+            double h = 1e-5 * (j % 2 == 0 && m->lobes[j / 2] ? fmax(1, m->shape[j]) : 1), unit;
+            if (i % 64 || truth < 1e-30) continue;
+            memcpy(other, m->shape, sizeof other), other[j] += h;
+            slope[j] = mixture_density(m, other, x);
+            other[j] -= 2 * h, slope[j] = (slope[j] - mixture_density(m, other, x)) / (2 * h);
+            if (m->shapes > 1 && j % 2 && fabs(m->shape[j] - 1) < 1e-9) /* beyond, others shrink */
+                slope[j] = (truth - mixture_density(m, other, x)) / h;
+            unit = fabs(slope[j]) + truth;
+            CHECK_NEAR((double)one_of(slopes[j]) * (planted == 2 ? 1.01 : 1) / unit,
+                       slope[j] / unit, 1e-4);
+        }
+    }
+    CHECK_NEAR(worst, 0, 4e-5);
+    CHECK_NEAR(total, 1, 2e-5);
+    for (int l = 0; l < 5; l++) {
+        double a = itn__phase_moment(&phase, l, slope) * (planted == 3 ? 1.001 : 1);
+        CHECK_NEAR(a, moment[l], 5e-5);
+        for (int j = 0; j < m->shapes; j++) CHECK_NEAR(slope[j], by[l][j], 1e-4); /* l = 0: 0 */
+    }
+    if (m->shapes == 1 && m->shape[0] > .1)
+        CHECK_NEAR(itn__phase_moment(&phase, 1, slope), 1 / tanh(m->shape[0]) - 1 / m->shape[0],
+                   1e-12);
+    for (int i = 0; i < DRAWS; i++) {
+        float u = itn__uniform(&rng), v = itn__uniform(&rng);
+        itn__floats xs, ys;
+        itn_vec3 d = one_vector(itn__phase_turn(&phase, one_vectors(itn__vec3(0, 0, 1)),
+                                                one_lanes(u), one_lanes(v), &xs, &ys));
+        double x = one_of(xs), density, turn = atan2((double)d.y, (double)d.x) / (2 * medium_pi);
+        if (!(fabs(x + (double)one_of(ys) - 2) < 1e-6 && fabs(1 - x - d.z) < 1e-5)) CHECK(0);
+        density = (double)one_of(itn__phase_density(&phase, xs, ys, slopes));
+        for (int j = 0; j < m->shapes; j++) score[j] += (double)one_of(slopes[j]) / density / DRAWS;
+        if (planted == 4) x = fmin(x * 1.02, 2);
+        counts[0][(int)(x * BINS / 2.000001)]++, counts[1][(int)((turn + .5) * (BINS - 1e-6))]++;
+    }
+    for (int k = 0, bins = 0; k < 2; k++, chi = 0, bins = 0) {
+        for (int b = 0; b < BINS; b++) {
+            double e = k ? (double)DRAWS / BINS : expected[b] * DRAWS;
+            if (e > 5) chi += (counts[k][b] - e) * (counts[k][b] - e) / e, bins++;
+        }
+        check_report(chi < bins + 5 * sqrt(2. * bins), __FILE__, __LINE__,
+                     "mixture %d: chi square %d is %.1f of %d", (int)(m - mixtures), k, chi, bins);
+    }
+    for (int j = 0; j < m->shapes; j++) CHECK_NEAR(score[j], 0, .03);
+}
+
+static void test_mixtures(void) {
+    int count = (int)(sizeof mixtures / sizeof mixtures[0]);
+    for (int k = 0; k < count; k++) check_mixture(&mixtures[k], 0);
+    for (int planted = 1; planted <= 4; planted++)
+        CHECK_CATCHES(check_mixture(&mixtures[9], planted));
+}
+
 /* 1 - cos keeps its digits for small angles. */
 static void test_small_angles(void) {
     int k;
@@ -398,6 +508,7 @@ static void test_random_numbers(void) {
 
 int main(void) {
     test_phase();
+    test_mixtures();
     test_small_angles();
     test_flight();
     test_tails();

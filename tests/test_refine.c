@@ -199,7 +199,8 @@ static void test_held(double past, double expected) {
     target[0] = 1;
     view.scene = scene, view.target = target, view.parameters = parameters;
     begin_search(&refiner, &view, 3, values, 4);
-    CHECK(refiner.g[0] == 2 && refiner.g[1] == 2 && refiner.g[2] == -1);
+    CHECK(refiner.g[0].medium && refiner.g[0].unknown[0] == 2 && refiner.g[1].unknown[0] == 2 &&
+          !refiner.g[2].medium);
     for (k = 0; k < 3; k++)
         wanted[k] = itn_parameter_to_coordinate(refiner.parameters[k], (double)values[k]);
     wanted[0] = log((double)refiner.parameters[0]->upper);
@@ -243,7 +244,8 @@ static void test_similarity(double planted) {
     target[0] = 1;
     view.scene = scene, view.target = target, view.parameters = parameters;
     begin_search(&refiner, &view, N, values, 4);
-    for (k = 0; k < N; k++) CHECK(refiner.g[k] == (k < 4 ? 4 : -1));
+    for (k = 0; k < N; k++)
+        CHECK(k < 4 ? refiner.g[k].unknown[0] == 4 : !refiner.g[k].medium);
     memcpy(turned, refiner.coordinates, sizeof turned);
     itn__along_valley(&refiner, turned, -1);
     for (k = 0; k < N; k++) {

@@ -234,7 +234,12 @@ static void test_tissue_words(double planted) {
         {"mu_a 0.1 0.2 0.3 mu_s 0.9 0.8 0.7", "x.albedo_b", .7},
         {"mu_a 1 mu_s' 1 2 3 g 0 0.5 0.75", "x.sigma_t_b", 13},
         {"mu_a 1 mu_s' 1 2 3 g 0 0.5 0.75", "x.g_g", .5},
-        {"mu_a 1 mu_s' 1 2 3 g 0 0.5 0.75", "x.albedo_g", .8}};
+        {"mu_a 1 mu_s' 1 2 3 g 0 0.5 0.75", "x.albedo_g", .8},
+        {"mu_a 1 kappa 4 phase vmf mu_s 1", "x.kappa", 4},
+        {"sigma_t 30 albedo 0.9 phase mix hg 0.8 weight 0.7 hg -0.3 weight 0.3", "x.weight1", .7},
+        {"sigma_t 30 albedo 0.9 phase mix hg 0.8 weight 0.7 hg -0.3 weight 0.3", "x.g2", -.3},
+        {"vmf 9 weight .5 sigma_t 3 phase mix hg 0.1 weight .5 albedo 0.9", "x.kappa1", 9},
+        {"sigma_t 3 phase mix hg 0.1 weight 1 albedo 0.9", "x.g1", .1}};
     size_t i;
     for (i = 0; i < sizeof rows / sizeof rows[0]; i++) {
         char text[300];
@@ -246,7 +251,8 @@ static void test_tissue_words(double planted) {
         if (!check_report(scene != NULL, __FILE__, __LINE__, "%s: %s", rows[i].text, error.message))
             continue;
         CHECK_NEAR(value_of(scene, rows[i].name), rows[i].value * (1 + planted),
-                   1e-6 * rows[i].value);
+                   1e-6 * fabs(rows[i].value));
+        CHECK(itn_parameter_find(scene, "x.weight2") < 0); /* the last is what is left */
         itn_scene_free(scene);
     }
 }
@@ -311,6 +317,30 @@ static const bad_line bad_lines[] = {
     {"medium x sigma_t 1 albedo 1 g 0 0.1 1", ITN_ERROR_FORMAT, "g 1 is not in"},
     {"medium x sigma_t 1 albedo 1 g 0 0.1 0.2", ITN_ERROR_FORMAT, "channels 3"},
     {"medium x sigma_t 1 albedo 1 phase rayleigh", ITN_ERROR_FORMAT, "rayleigh"},
+    {"medium x sigma_t 1 albedo 1 phase", ITN_ERROR_FORMAT, "phase: '' is none of: hg"},
+    {"medium x sigma_t 1 albedo 1 phase vmf", ITN_ERROR_FORMAT, "kappa is missing"},
+    {"medium x sigma_t 1 albedo 1 phase vmf kappa 501", ITN_ERROR_FORMAT,
+     "kappa 501 is not in [0, 500]"},
+    {"medium x sigma_t 1 albedo 1 phase vmf kappa -1", ITN_ERROR_FORMAT, "kappa -1 is not in"},
+    {"medium x sigma_t 1 albedo 1 kappa 1", ITN_ERROR_FORMAT, "'kappa' is none of: sigma_t"},
+    {"medium x sigma_t 1 albedo 1 phase vmf kappa 1 g 0", ITN_ERROR_FORMAT, "'g' is none of"},
+    {"medium x mu_a 1 mu_s' 1 phase vmf kappa 1", ITN_ERROR_FORMAT, "'mu_s'' is none of"},
+    {"medium x sigma_t 1 albedo 1 phase mix", ITN_ERROR_FORMAT, "x: a mixture has 1 to 4 lobes"},
+    {"medium x sigma_t 1 albedo 1 phase mix hg 1 weight 1", ITN_ERROR_FORMAT,
+     "medium: hg 1 is not in [-0.999, 0.999]"},
+    {"medium x sigma_t 1 albedo 1 phase mix hg 0 weight 0.5", ITN_ERROR_FORMAT,
+     "x: the weights of its lobes add up to 0.5, not to 1"},
+    {"medium x sigma_t 1 albedo 1 phase mix hg 0 weight 1.5 hg 0 weight -0.5", ITN_ERROR_FORMAT,
+     "weight 1.5 is not in [0, 1]"},
+    {"medium x sigma_t 1 albedo 1 phase mix hg 0 hg 0 weight 1", ITN_ERROR_FORMAT,
+     "lobes hg G weight W or vmf K weight W"},
+    {"medium x sigma_t 1 albedo 1 phase mix weight 1 hg 0", ITN_ERROR_FORMAT,
+     "lobes hg G weight W or vmf K weight W"},
+    {"medium x sigma_t 1 albedo 1 phase mix hg 0 weight 1 weight 0", ITN_ERROR_FORMAT,
+     "lobes hg G weight W or vmf K weight W"},
+    {"medium x sigma_t 1 albedo 1 phase mix hg 0 weight 1 hg 0", ITN_ERROR_FORMAT, "weight"},
+    {"medium x sigma_t 1 albedo 1 phase mix hg 0 weight .2 hg 0 weight .2 vmf 0 weight .2 hg 0 "
+     "weight .2 hg 0 weight .2", ITN_ERROR_FORMAT, "up to 4 lobes"},
     {"medium x mu_a 1", ITN_ERROR_FORMAT, "either sigma_t and albedo, or mu_a and mu_s"},
     {"medium x mu_s 1 g 0", ITN_ERROR_FORMAT, "either sigma_t and albedo, or mu_a and mu_s"},
     {"medium x mu_a 1 mu_s' 1", ITN_ERROR_FORMAT, "mu_s' (or mu_s_prime) and g"},
