@@ -8068,7 +8068,7 @@ static void itn__scatter_lanes(itn__crowd *crowd, int number, itn__state *s, itn
         itn__shadows_of_surface(crowd, s, &site, &f, mask);
     for (k = 0; k < 3; k++) u[k] = itn__draw(crowd, s, mask);
     itn__ints good = mask & itn__bsdf_sample(&site, u, &s->d, &f, &s->pdf, &through);
-    if (render->controls && surface->type == ITN_SURFACE_DIELECTRIC)
+    if (render->controls && surface->type == ITN_SURFACE_DIELECTRIC && !surface->tilted)
         itn__control_bounce(render, s, &site, u, through, good, mask);
     itn__end_lanes(crowd, 0, s, itn__mask_bits(mask & ~good));
     for (k = 0; k < render->channels; k++) s->beta[k] = s->beta[k] * f.value[k];

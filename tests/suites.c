@@ -25,6 +25,9 @@
 #define main suite_light_lanes
 #include "test_light_lanes.c"
 #undef main
+#define main suite_maps
+#include "test_maps.c"
+#undef main
 #define main suite_medium
 #include "test_medium.c"
 #undef main
@@ -66,9 +69,9 @@ int main(int count, char **words) {
         int (*run)(void);
     } suites[] = {
         SUITE(fast), SUITE(files), SUITE(geometry), SUITE(lanes), SUITE(light),
-        SUITE(light_lanes), SUITE(medium), SUITE(net), SUITE(opaque), SUITE(refine), SUITE(reuse),
-        SUITE(scenefile), SUITE(sobol), SUITE(spectral), SUITE(surface), SUITE(texels),
-        SUITE(voxels)
+        SUITE(light_lanes), SUITE(maps), SUITE(medium), SUITE(net), SUITE(opaque), SUITE(refine),
+        SUITE(reuse), SUITE(scenefile), SUITE(sobol), SUITE(spectral), SUITE(surface),
+        SUITE(texels), SUITE(voxels)
     };
     size_t i;
     for (i = 0; count == 2 && i < sizeof suites / sizeof *suites; i++)
