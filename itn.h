@@ -880,10 +880,11 @@ ITN_API int itn_refine_words(const itn_parameter *const *parameters, int count,
    OBJ: v, vt and f count, other statements are skipped. An index, which may be negative, names what
    stands above it. uvs are made if every corner has texture coordinates.
    PLY: ascii or binary of either byte order; elements vertex (x y z, and u v, s t or texture_u
-   texture_v) and then face (vertex_indices or vertex_index, and a list texcoord of u v pairs).
-   Polygons are cut into triangles: a fan or, up to 4096 corners, ears.
-   Errors: FORMAT (also coordinates that are not finite, or more than 8,000 times as far from the
-   origin as the mesh is large: floats lose its shape), UNSUPPORTED. */
+   texture_v) and then face (vertex_indices or vertex_index, and a list texcoord of u v pairs) or
+   tristrips. Polygons are cut into triangles: a fan or, up to 4096 corners, ears; those of one or
+   two corners are skipped. Texture coordinates that are not finite are 0.
+   Errors: FORMAT (also coordinates of corners that are not finite, or more than 8,000 times as far
+   from the origin as the mesh is large: floats lose its shape), UNSUPPORTED. */
 ITN_API itn_result itn_mesh_from_memory(const void *bytes, size_t size, const char *name,
                                         const itn_context *context, itn_mesh *mesh,
                                         itn_error *error);
@@ -11805,9 +11806,13 @@ typedef struct itn__builder {
     int untextured;                   /* some of these have no uv */
 } itn__builder;
 
-static void itn__add_corner(itn__builder *b, size_t vertex, size_t texture) {
+static void itn__add_corner(itn__builder *b, itn__text *text, size_t vertex, size_t texture) {
     const float *positions = (const float *)(const void *)b->positions.bytes;
     itn__corner corner = {vertex, texture, positions + 3 * vertex};
+    for (int k = 0; k < 3; k++)
+        if (!itn__finite(corner.p[k]))
+            ITN__DAMAGED(text, "names vertex %.0f (from 0), of which a coordinate is not a finite "
+                         "number", (double)vertex);
     itn__put(&b->corners, &corner, sizeof corner);
 }
 
@@ -11839,15 +11844,15 @@ static int itn__is_ear(const itn__corner *c, int count, const itn__corner *h, co
 /* Turns the corners at hand into triangles. Corners that are where the next one is hide how the
    polygon turns there, and are let go while three stay. Triangles are cut off backwards from the
    last corner, which makes the fan. Where there is no ear (the polygon crosses itself), any corner
-   does; after two such cuts no more is looked for, so that the work stays in bounds. */
+   does; after two such cuts no more is looked for, so that the work stays in bounds. What has only
+   one or two corners is let go. */
 static void itn__add_polygon(itn__builder *b, itn__text *text) {
     itn__corner *c = (itn__corner *)(void *)b->corners.bytes;
     size_t given = b->corners.size / sizeof *c;
     int count = (int)given, n = 0, fan = 1, earless = 0, view = 0, k;
     double largest = 0;
-    if (given < 3 || given > INT_MAX / 16)
-        ITN__DAMAGED(text, "a face needs three corners or more, not %.0f", (double)given);
-    if (text->result) return;
+    if (given > INT_MAX / 16) ITN__DAMAGED(text, "a face has %.0f corners", (double)given);
+    if (text->result || given < 3) return;
     for (int i = 0; i < count; i++)
         if (n + count - i <= 3 || !itn__same_place(c + i, c + (i + 1) % count)) c[n++] = c[i];
     for (k = 0; k < 6; k++) {
@@ -11876,8 +11881,9 @@ static void itn__add_polygon(itn__builder *b, itn__text *text) {
     }
 }
 
-/* Makes the mesh of what was collected, whose memory it takes over. Coordinates so far from the
-   origin that floats lose its shape are refused. */
+/* Makes the mesh of what was collected, whose memory it takes over. Vertices that no face names may
+   have coordinates that are not finite, and then get those of one that is named. Coordinates so far
+   from the origin that floats lose its shape are refused. */
 static itn_result itn__builder_mesh(itn__builder *b, const char *name, itn_mesh *mesh,
                                     itn_error *error) {
     float *p = (float *)(void *)b->positions.bytes, size = 0, farthest = 0;
@@ -11885,9 +11891,12 @@ static itn_result itn__builder_mesh(itn__builder *b, const char *name, itn_mesh 
     if (vertices > INT_MAX / 3 || triangles > INT_MAX / 3)
         return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "%s: mesh is too large", name);
     for (size_t k = 0; k < 3; k++) {
-        float lower = p[k], upper = p[k];
-        for (size_t i = k; i < 3 * vertices; i += 3)
+        float named = p[3 * *(const int *)(void *)b->triangles.bytes + (int)k];
+        float lower = named, upper = named;
+        for (size_t i = k; i < 3 * vertices; i += 3) {
+            if (!itn__finite(p[i])) p[i] = named;
             lower = itn__min(lower, p[i]), upper = itn__max(upper, p[i]);
+        }
         size = itn__max(size, upper - lower);
         farthest = itn__max(farthest, itn__max(-lower, upper));
     }
@@ -11922,10 +11931,18 @@ static void itn__obj_corner(itn__text *text, itn__builder *b, size_t normals) {
         if (valid) index[k] = (size_t)(value < 0 ? most + value : value - 1), at = next;
     }
     text->at = end;
-    if (valid && at == end && index[0] != SIZE_MAX) itn__add_corner(b, index[0], index[1]);
+    if (valid && at == end && index[0] != SIZE_MAX) itn__add_corner(b, text, index[0], index[1]);
     else
         ITN__DAMAGED(text, "face corner '%.*s' is not an index above this line (of %.0f vertices)",
                      end - word > 40 ? 40 : (int)(end - word), word, (double)counts[0]);
+}
+
+/* Reads a coordinate, which programs may have written as NaN or infinity: words with an n. */
+static float itn__obj_coordinate(itn__text *text, const char *what) {
+    itn__skip_blanks(text);
+    for (int k = itn__word_length(text); k > 0; k--)
+        if (text->at[k - 1] == 'n' || text->at[k - 1] == 'N') what = NULL;
+    return (float)itn__take_decimal(text, what);
 }
 
 static void itn__obj_decode(itn__text *text, itn__builder *b) {
@@ -11936,7 +11953,9 @@ static void itn__obj_decode(itn__text *text, itn__builder *b) {
         int keyword = itn__accept(text, "v vt vn f");
         if (keyword == 0 || keyword == 1) {
             for (int k = 0; k < 3 - keyword && (!keyword || !k || !itn__line_done(text)); k++)
-                numbers[k] = (float)itn__take_decimal(text, names[keyword]);
+                numbers[k] = itn__obj_coordinate(text, names[keyword]);
+            for (int k = 0; k < 2 && keyword; k++)
+                if (!itn__finite(numbers[k])) numbers[k] = 0;
             itn__put(keyword ? &b->texcoords : &b->positions, numbers, keyword ? 8 : 12);
         } else if (keyword == 3) {
             b->corners.size = 0;
@@ -11954,10 +11973,11 @@ static void itn__obj_decode(itn__text *text, itn__builder *b) {
 /* A PLY file (G. Turk 1994) is a header of text lines that declares elements (how many of them) and
    their properties (a scalar type, or a list: a count and that many scalars), and then the elements
    one after the other, as text or as binary numbers of either byte order. Properties have roles for
-   us; those without one are read over. */
+   us; those without one are read over. A strip is a list of corners: each of them is that of a
+   triangle with the two before, turned round every other time; -1 begins a new strip. */
 
 enum { ITN__PLY_ASCII, ITN__PLY_LITTLE, ITN__PLY_BIG };
-enum { ITN__PLY_ENTRY, ITN__PLY_VERTEX, ITN__PLY_FACE };
+enum { ITN__PLY_ENTRY, ITN__PLY_VERTEX, ITN__PLY_FACE, ITN__PLY_STRIPS };
 /* Roles: x y z u v of a vertex, numbers in this order, and the lists of a face. */
 enum { ITN__PLY_U = 3, ITN__PLY_CORNERS = 5, ITN__PLY_TEXCOORDS, ITN__PLY_NONE };
 
@@ -11994,7 +12014,8 @@ static const char *itn__ply_property(itn__ply *ply, itn__ply_line *p) {
     if (p->list >= 6) return "list has a count that is no integer";
     int i = itn__accept(ply->text, "x y z u v s t texture_u texture_v vertex_indices vertex_index "
                                    "texcoord");
-    p->role = i < 0 || list != (i >= 9) || ply->kind != (list ? ITN__PLY_FACE : ITN__PLY_VERTEX)
+    int kind = ply->kind == ITN__PLY_STRIPS && i < 11 ? ITN__PLY_FACE : ply->kind;
+    p->role = i < 0 || list != (i >= 9) || kind != (list ? ITN__PLY_FACE : ITN__PLY_VERTEX)
                   ? ITN__PLY_NONE
                   : "012343434556"[i] - '0';
     if (ply->has >> p->role & 1) p->role = ITN__PLY_NONE;
@@ -12018,7 +12039,7 @@ static void itn__ply_header(itn__ply *ply) {
         if (text->at == text->end) fault = "header has no end";
         else if (keyword >= 4 && ply->count++ == 544) fault = "header has too many lines";
         else if (keyword == 5) { /* "name count" */
-            int kind = ply->kind = line->role = itn__accept(text, "vertex face") + 1;
+            int kind = ply->kind = line->role = itn__accept(text, "vertex face tristrips") + 1;
             if (!kind) text->at += itn__word_length(text);
             double count = line->count = itn__take_decimal(text, NULL);
             line->type = -1;
@@ -12037,7 +12058,7 @@ static void itn__ply_header(itn__ply *ply) {
     if (!fault && ply->format < 0) fault = "header has no format";
     if (!fault && (ply->has & 7) != 7) fault = "has no vertex with x, y, z";
     if (!fault && !(ply->has >> ITN__PLY_CORNERS & 1))
-        fault = "has no face with a list vertex_indices";
+        fault = "has no face, or tristrips, with a list vertex_indices";
     if (fault) ITN__DAMAGED(text, "PLY %s", fault);
     else text->at += lone_return ? 1 : itn__newline(text->at, text->end); /* binary from here on? */
     text->line = ply->format == ITN__PLY_ASCII ? text->line + 1 : 0;
@@ -12059,6 +12080,16 @@ static double itn__ply_value(itn__ply *ply, int type) {
     return value; /* integer types of even places are signed */
 }
 
+/* Makes a triangle of the three corners at hand, if they are so many, and lets the first one go. */
+static void itn__add_strip(itn__builder *b, itn__text *text, int *odd) {
+    itn__corner *c = (itn__corner *)(void *)b->corners.bytes, kept[3];
+    if (b->corners.size < sizeof kept) return;
+    memcpy(kept, c, sizeof kept);
+    if (*odd) c[0] = kept[1], c[1] = kept[0];
+    itn__add_polygon(b, text);
+    memcpy(c, kept + 1, 2 * sizeof *c), b->corners.size = 2 * sizeof *c, *odd = !*odd;
+}
+
 /* Reads one entry of an element of `count` properties p: of each one number, or as many as the list
    has. Every step takes bytes, so that a count that lies ends with them. A face's own texture
    coordinates, which are put behind the vertices', count more than these. */
@@ -12066,6 +12097,7 @@ static void itn__ply_entry(itn__ply *ply, int kind, const itn__ply_line *p, int 
     itn__builder *b = ply->builder;
     size_t vertices = b->positions.size / 12, before = b->texcoords.size;
     float numbers[ITN__PLY_NONE + 1] = {0}; /* by role */
+    int odd = 0;
     b->corners.size = 0;
     for (; count--; p++) {
         double left = p->list >= 0 ? itn__ply_value(ply, p->list) : 1;
@@ -12075,14 +12107,14 @@ static void itn__ply_entry(itn__ply *ply, int kind, const itn__ply_line *p, int 
             float *number = &numbers[p->role];
             *number = (float)value;
             if (p->role == ITN__PLY_NONE) continue;
-            if (p->role != ITN__PLY_CORNERS && !itn__finite(*number))
-                ITN__DAMAGED(ply->text, "a %scoordinate is not a finite number",
-                             p->role < ITN__PLY_U ? "" : "texture ");
-            else if (p->role == ITN__PLY_TEXCOORDS) itn__put(&b->texcoords, number, 4);
+            if (p->role >= ITN__PLY_U && !itn__finite(*number)) *number = 0;
+            if (p->role == ITN__PLY_TEXCOORDS) itn__put(&b->texcoords, number, 4);
             else if (p->role != ITN__PLY_CORNERS) continue;
             else if (value >= 0 && value < (double)vertices && value == floor(value))
-                itn__add_corner(b, (size_t)value, (size_t)value);
+                itn__add_corner(b, ply->text, (size_t)value, (size_t)value);
+            else if (value == -1 && kind == ITN__PLY_STRIPS) b->corners.size = 0, odd = 0;
             else ITN__DAMAGED(ply->text, "names a vertex that does not exist");
+            if (kind == ITN__PLY_STRIPS) itn__add_strip(b, ply->text, &odd);
         }
     }
     if (kind == ITN__PLY_VERTEX) itn__put(&b->positions, numbers, 12);
@@ -12099,7 +12131,7 @@ static void itn__ply_entry(itn__ply *ply, int kind, const itn__ply_line *p, int 
 }
 
 static void itn__ply_decode(itn__text *text, itn__builder *builder) {
-    static const char *const kinds[] = {"entry", "vertex", "face"};
+    static const char *const kinds[] = {"entry", "vertex", "face", "tristrips"};
     itn__ply ply = ITN_ZERO;
     ply.text = text, ply.builder = builder;
     itn__ply_header(&ply);

@@ -1581,8 +1581,9 @@ static void test_obj(void) {
     itn_mesh_free(&mesh);
     expect_refusal("", 0, "with a face");
     expect_refusal(SQUARE, 0, "with a face");
-    expect_refusal(SQUARE "f 1 2\n", 5, "three corners");
-    expect_refusal(SQUARE "f\n", 5, "three corners");
+    expect_refusal(SQUARE "f 1 2\n", 0, "with a face"); /* lines and points are let go */
+    expect_mesh(SQUARE "f\nf 1\nf 1 2 3\nf 3 4\n", 4, 1, 0);
+    expect_refusal(SQUARE "f 1 2 3\nf 1 5\n", 6, "'5'");
     expect_refusal(SQUARE "f 1 2 5\n", 5, "'5'");
     expect_refusal(SQUARE "f 1 2 0\n", 5, "'0'");
     expect_refusal(SQUARE "f 1 2 -5\n", 5, "'-5'");
@@ -1594,8 +1595,18 @@ static void test_obj(void) {
     expect_refusal(SQUARE "f 1/1/1/1 2 3\n", 5, "'1/1/1/1'");
     expect_refusal("f 1 2 3\n" SQUARE, 1, "'1'");
     expect_refusal("v 0 0\n", 1, "vertex");
-    expect_refusal("v 0 0 nan\n", 1, "'nan'");
-    expect_refusal("# c\n\nv 0 inf 0\n", 3, "'inf'");
+    /* of vertices that no face names, and of textures, NaN is let go; else it counts */
+    expect_refusal("v 0 0 nan\nv 1 0 0\nv 1 1 0\nf 1 2 3\n", 4, "names vertex 0 ");
+    expect_refusal(SQUARE "v 0 0 -Inf\nf 1 2 3\nf 1 3 5\n", 7, "names vertex 4 ");
+    expect_refusal("# c\n\nv 0 1,5 0\n", 3, "'1,5'");
+    expect_refusal("v 0 0 1e39\n", 1, "'1e39'");
+    mesh = mesh_of("v nan 1.#QNAN -nan(ind)\n" SQUARE "f 3 4 5\n", &error);
+    CHECK(mesh.vertex_count == 5 && mesh.positions[0] == 1 && mesh.positions[1] == 0);
+    itn_mesh_free(&mesh);
+    mesh = mesh_of(SQUARE "vt nan inf\nvt 1 -nan(ind)\nf 1/1 2/2 3/2\n", &error);
+    CHECK(mesh.uvs && mesh.uvs[0] == 0 && mesh.uvs[1] == 0 && mesh.uvs[2] == 1 && mesh.uvs[3] == 0);
+    itn_mesh_free(&mesh);
+    expect_refusal(SQUARE "vt 0 x\n", 5, "texture coordinate: 'x'");
     expect_refusal("v 0 \\\n 0 \\\r\n x\n", 3, "'x'");
     expect_mesh("v 0 0 0\nv 1 0 0\nv 0 1 0\ng a \\\n v 5 5 5\nf 1 2 -1\n", 3, 1, 0);
     /* a backslash that ends a name is a part of it: nothing of the next line is lost */
@@ -1807,10 +1818,12 @@ static void test_ply_ascii(void) {
     itn_mesh_free(&mesh);
     expect_refusal(PLY_HEADER("ascii", PLY_VERTEX PLY_FACE "property list uchar float texcoord\n")
                    "0 0 0\n1 0 0\n1 1 0\n3 0 1 2 4 1 2 3 4\n", 14, "per corner");
-    expect_refusal(PLY_HEADER("ascii", PLY_VERTEX "property float u\nproperty float v\n" PLY_FACE)
-                   "0 0 0 nan 0\n1 0 0 0 0\n1 1 0 0 0\n3 0 1 2\n", 12, "vertex 0: a texture");
-    expect_refusal(PLY_HEADER("ascii", PLY_VERTEX PLY_FACE) "0 0 0\n1 nan 0\n1 1 0\n3 0 1 2\n", 11,
-                   "vertex 1: a coordinate is not a finite number");
+    mesh = mesh_of(PLY_HEADER("ascii", PLY_VERTEX "property float u\nproperty float v\n" PLY_FACE)
+                   "0 0 0 nan 1\n1 0 0 0 inf\n1 1 0 0 0\n3 0 1 2\n", &error);
+    CHECK(mesh.uvs && mesh.uvs[0] == 0 && mesh.uvs[1] == 1 && mesh.uvs[3] == 0);
+    itn_mesh_free(&mesh);
+    expect_refusal(PLY_HEADER("ascii", PLY_VERTEX PLY_FACE) "0 0 0\n1 nan 0\n1 1 0\n3 0 1 2\n", 13,
+                   "face 0: names vertex 1 ");
     expect_refusal("ply\n", 2, "no end");
     expect_refusal("ply\nformat ascii 1.0\n" PLY_VERTEX PLY_FACE "end_header x\n", 9, "no end");
     expect_refusal("ply\nformat ascii 1.0\nend_header\n", 3, "no vertex");
@@ -1828,14 +1841,31 @@ static void test_ply_ascii(void) {
                    "no integer");
     expect_refusal(PLY_HEADER("ascii", PLY_FACE PLY_VERTEX) "3 0 1 2\n0 0 0\n1 0 0\n1 1 0\n", 5,
                    "before the vertices");
-    expect_refusal(PLY_HEADER("ascii", PLY_VERTEX PLY_FACE) "0 0 0\n1 nan 0\n1 1 0\n3 0 1 2\n", 11,
-                   "vertex 1");
     expect_refusal(PLY_HEADER("ascii", PLY_VERTEX PLY_FACE) "0 0 0\n1 0 0\n1 1 0\n3 0 1 3\n", 13,
                    "face 0");
     expect_refusal(PLY_HEADER("ascii", PLY_VERTEX PLY_FACE) "0 0 0\n1 0 0\n1 1 0\n3 0 1 -1\n", 13,
                    "does not exist");
-    expect_refusal(PLY_HEADER("ascii", PLY_VERTEX PLY_FACE) "0 0 0\n1 0 0\n1 1 0\n2 0 1  \n", 13,
-                   "three corners");
+    expect_refusal(PLY_HEADER("ascii", PLY_VERTEX PLY_FACE) "0 0 0\n1 0 0\n1 1 0\n2 0 1  \n", 0,
+                   "with a face"); /* a line */
+}
+
+/* Strips: the corners of each triangle in order, every other one turned round, from the start of a
+   strip on. The triangles are those of the same square as faces. */
+static void check_ply_strips(int restart) {
+    static const int expected[9] = {0, 1, 2, 2, 1, 3, 3, 1, 0};
+    itn_error error;
+    char text[400];
+    snprintf(text, sizeof text, PLY_HEADER("ascii", "element vertex 4\nproperty float x\n"
+             "property float y\nproperty float z\nelement tristrips 1\n"
+             "property list int int vertex_indices\n")
+             "0 0 0\n1 0 0\n0 1 0\n1 1 0\n10 0 -1 0 1 2 3 %d 3 1 0\n", restart);
+    itn_mesh mesh = mesh_of(text, &error);
+    CHECK(mesh.triangle_count == 3);
+    CHECK(mesh.triangle_count == 3 && !memcmp(mesh.triangles, expected, sizeof expected));
+    itn_mesh_free(&mesh);
+    expect_refusal(PLY_HEADER("ascii", PLY_VERTEX "element tristrips 1\n"
+                              "property list int int vertex_indices\n")
+                   "0 0 0\n1 0 0\n1 1 0\n4 0 1 2 -2\n", 13, "does not exist");
 }
 
 /* Bytes of a number in either order. */
@@ -2218,6 +2248,8 @@ int main(void) {
     check_polygons(1);
     CHECK_CATCHES(check_polygons(1.001));
     test_ply_ascii();
+    check_ply_strips(-1);
+    CHECK_CATCHES(check_ply_strips(2));
     check_ply_binary(1);
     CHECK_CATCHES(check_ply_binary(2));
     test_ply_lies();
