@@ -891,10 +891,10 @@ ITN_API itn_result itn_mesh_from_memory(const void *bytes, size_t size, const ch
 /* Makes an image from the bytes of an EXR, PFM or PNG file. Errors: FORMAT, UNSUPPORTED.
    EXR: one part of scan lines, compression none, RLE, ZIPS or ZIP, at most 1024 channels of half,
    float or uint (rounded to float), not subsampled; the image is the display window, 0 where the
-   data window is not, and its planes keep the names and the order of the file. PFM: planes "Y" or
-   "R", "G", "B"; values are multiplied by the size of the file's scale. PNG: 1 to 16 bits, grey,
-   RGB or palette, with or without alpha (plane "A"), not interlaced; made linear by the file's
-   gamma or, as most are, by the curve of sRGB. */
+   data window is not, and its planes keep the order of the file and, cut to 63 characters, the
+   names. PFM: planes "Y" or "R", "G", "B"; values are multiplied by the size of the file's scale.
+   PNG: 1 to 16 bits, grey, RGB or palette, with or without alpha (plane "A"), not interlaced; made
+   linear by the file's gamma or, as most are, by the curve of sRGB. */
 ITN_API itn_result itn_image_from_memory(const void *bytes, size_t size, const char *name,
                                          const itn_context *context, itn_image *image,
                                          itn_error *error);
@@ -11186,9 +11186,8 @@ static void itn__exr_channel_list(itn__text *text, itn__exr *exr) {
         for (int i = 0; i < n; i++) known |= !strcmp(name, exr->names[i]);
         if (known || type > ITN__EXR_FLOAT)
             ITN__DAMAGED(text, "EXR channel '%.63s' is there twice, or has no valid type", name);
-        if (n == ITN__EXR_CHANNELS || strlen(name) >= ITN_NAME_SIZE || sampling != 0x100000001)
-            ITN__UNSUPPORTED(text, "EXR channel '%.63s' is subsampled, the 1025th, or has a name "
-                             "of more than 63 characters", name);
+        if (n == ITN__EXR_CHANNELS || sampling != 0x100000001)
+            ITN__UNSUPPORTED(text, "EXR channel '%.63s' is subsampled, or the 1025th", name);
         exr->names[n] = name, exr->types[n] = (unsigned char)type;
         exr->line += type == ITN__EXR_HALF ? 2 : 4;
     }
@@ -11255,7 +11254,8 @@ static ITN__COLD void itn__exr_decode(itn__text *text, itn_image *image) {
     const char *name;
     exr.compression = -1, data[2] = shown[2] = INT64_MIN; /* which no file says */
     if (version != 2 && version != 0x402) /* 400: long names */
-        ITN__UNSUPPORTED(text, "EXR of tiles, deep data, several parts or another version than 2");
+        ITN__UNSUPPORTED(text, "EXR of tiles, deep data, several parts or another version than 2: "
+                         "save it as scan lines, compressed by ZIP");
     while (*(name = itn__take_string(text))) {
         itn__take_string(text); /* the type */
         itn__text value = itn__take_part(text, itn__take_u32(text));
@@ -11271,8 +11271,8 @@ static ITN__COLD void itn__exr_decode(itn__text *text, itn_image *image) {
     double across = (double)(shown[2] - shown[0]) + 1, down = (double)(shown[3] - shown[1]) + 1;
     double most = (exr.compression ? 1032 : 1) * (double)(text->end - text->at);
     if (exr.compression > ITN__EXR_ZIP)
-        ITN__UNSUPPORTED(text, "EXR compression %d (4 is PIZ, 6 and 7 B44, 8 and 9 DWA)",
-                         exr.compression);
+        ITN__UNSUPPORTED(text, "EXR compression %d (4 is PIZ, 6 and 7 B44, 8 and 9 DWA): save it "
+                         "compressed by ZIP", exr.compression);
     if (!exr.channels || exr.compression < 0 || fmin(fmin(width, height), fmin(across, down)) < 1 ||
         fmax(fmax(width, height), fmax(across, down)) > INT_MAX)
         ITN__DAMAGED(text, "EXR header lacks channels, compression or windows of valid size");
