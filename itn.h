@@ -416,6 +416,9 @@ typedef struct itn_light_desc {
     int has_scale;           /* 1: these are taken as they are; 0: of these 0 = 1 */
     float sun_radius_scale;  /* sky: widens the disc, of radius .2679 degrees, at constant power, in
                                 [.01, 320]; 0 = 1 */
+    float rotate;            /* map: turns it about the y axis, as an object's rotate 0 1 0 DEGREES
+                                would, in [-360,360] */
+    int repair;              /* map: 1: values that are negative, infinite or NaN count as 0 */
 } itn_light_desc;
 
 /* 1 to 64 objects, 1 to 64 lights, and up to 4096 media and surfaces each (in a file: 64). Arrays
@@ -442,10 +445,10 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
 /* A scene file holds one item a line, in any order: a keyword, for some a name, then `field
    value...` pairs in any order, but that of an object or a light that is shown first below comes
    first. A word that begins with `#` starts a comment; a backslash at the end of a line, but not of
-   a comment, joins the next one to it. Paths are relative to the scene file's folder; paths and
-   names hold no blanks. COLOUR is one number, or three (r g b) where the film has three channels;
-   both of a checker have one form. Fields in [ ] may be left out; ranges are those of the descs.
-   What is unknown, doubled, missing or out of range is an error.
+   a comment, joins the next one to it. Paths are relative to the scene file's folder; those with
+   blanks stand between quotes, " or '. COLOUR is one number, or three (r g b) where the film has
+   three channels; both of a checker have one form. Fields in [ ] may be left out; ranges are those
+   of the descs. What is unknown, doubled, missing or out of range is an error.
 
        [film  [width N] [height N] [channels 1|3] [filter box|gaussian]       (128 x 128, 1, box)
               [deviation PIXELS]                                     (of the Gaussian: .5 pixels)
@@ -468,7 +471,7 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
        object  mesh FILE  [medium NAME] [surface NAME] [TRANSFORM...] [force]
        object  plane  surface NAME  [y Y] [half H]                                (y 0; half 20)
        light   constant  radiance COLOUR  [scale S] [name NAME]
-       light   map FILE  [scale S] [name NAME]
+       light   map FILE  [scale S] [rotate DEGREES] [repair] [name NAME]
        light   sky FILE  sun X Y Z  [scale S] [sun_scale S] [sun_radius_scale S] [name NAME]
 
    PHASE is `[phase hg] [g COLOUR]` (g 0), `phase vmf kappa K`, or `phase mix` and up to four lobes
@@ -3271,6 +3274,7 @@ typedef struct itn__light {
     itn_vec3 to_sun;  /* unit */
     float sun_cone;   /* 1 - cos of the disc's angular radius */
     int width, height;
+    float turn;       /* of a map: u on it is u of the direction plus this, in [0,1) */
     float *map;       /* [height][width][3] */
     itn__grid grid;   /* of map and sky */
 } itn__light;
@@ -3335,9 +3339,11 @@ static itn__corners itn__corners_at(itn__floats x, itn__floats y, int width, int
 }
 
 /* Around directions: column c is at u = (c + .5)/width, row r at v = bottom r/(height - 1). */
-static itn__corners itn__grid_corners(int width, int height, float bottom,
+static itn__corners itn__grid_corners(const itn__light *light, int width, int height, float bottom,
                                       const itn__towards *to) {
-    itn__floats x = to->u * (float)width - .5f, y = to->v / bottom * (float)(height - 1);
+    itn__floats u = to->u + light->turn, one = itn__splat(1);
+    u = itn__select(itn__less(u, one), u, u - one);
+    itn__floats x = u * (float)width - .5f, y = to->v / bottom * (float)(height - 1);
     return itn__corners_at(x, y, width, height, 0);
 }
 
@@ -3384,7 +3390,7 @@ static itn__vectors itn__grid_sample(const itn__light *light, itn__floats u, itn
     float last = (float)(height - 1);
     itn__ints row = itn__pick(grid->rows, itn__splat_int(0), height, v, &v);
     itn__ints node = itn__pick(grid->nodes, row * width, width, u, &u);
-    u = (itn__to_floats(node) + .5f + itn__sample_tent(u)) * (1 / (float)width);
+    u = (itn__to_floats(node) + .5f + itn__sample_tent(u)) * (1 / (float)width) - light->turn;
     v = itn__absolute(itn__to_floats(row) + itn__sample_tent(v));
     return itn__map_directions(u - itn__to_floats(itn__floor_ints(u)),
                                itn__least(v, 2 * last - v) * (grid->bottom / last));
@@ -3393,7 +3399,7 @@ static itn__vectors itn__grid_sample(const itn__light *light, itn__floats u, itn
 /* Density over solid angle of these draws. */
 static itn__floats itn__grid_pdf(const itn__light *light, const itn__towards *to) {
     const itn__grid *grid = &light->grid;
-    itn__corners corners = itn__grid_corners(grid->width, grid->height, grid->bottom, to);
+    itn__corners corners = itn__grid_corners(light, grid->width, grid->height, grid->bottom, to);
     itn__floats density = itn__between(grid->density, 1, &corners);
     itn__ints inside = itn__less_equal(to->v, itn__splat(grid->bottom)) &
                        itn__less(itn__splat(0), to->sine);
@@ -3402,7 +3408,7 @@ static itn__floats itn__grid_pdf(const itn__light *light, const itn__towards *to
 
 static void itn__map_radiance(const itn__light *light, int channels, const itn__towards *to,
                               itn__floats rgb[3]) {
-    itn__corners corners = itn__grid_corners(light->width, light->height, 1, to);
+    itn__corners corners = itn__grid_corners(light, light->width, light->height, 1, to);
     for (int k = 0; k < channels; k++) rgb[k] = itn__between(light->map + k, 3, &corners);
 }
 
@@ -3476,7 +3482,8 @@ static const itn__light_model itn__light_models[] = {
       ITN__LIGHT_SCALE(scale, 0), ITN__WORD("name", light, name, "w")},
      itn__constant_radiance, NULL, NULL},
     {{ITN__WORD("map", light, image, "p"), ITN__LIGHT_SCALE(scale, 0),
-      ITN__WORD("name", light, name, "w")},
+      ITN__FIELD("rotate", light, rotate, "1f", -360, 360, 0),
+      ITN__WORD("repair", light, repair, ""), ITN__WORD("name", light, name, "w")},
      itn__map_radiance, itn__grid_sample, itn__grid_pdf},
     {{ITN__WORD("sky", light, sky, "y"),
       ITN__FIELD("sun", light, sun_direction, "3f!", ITN__ANY, 0), ITN__LIGHT_SCALE(scale, 0),
@@ -4321,7 +4328,8 @@ static void itn__contribute(itn__walk *walk, const itn__weight *weight, const it
         itn__floats rgb[3];
         if (mis == 0) continue;
         itn__light_models[light->kind].radiance(light, itn__channels(walk), to, rgb);
-        if (of_map) touch = itn__touch_of(itn__grid_corners(light->width, light->height, 1, to));
+        if (of_map)
+            touch = itn__touch_of(itn__grid_corners(light, light->width, light->height, 1, to));
         for (int c = 0; c < itn__channels(walk); c++) {
             float carried = weight->beta[c] * mis * walk->theta[walk->scene->camera.exposure[c]];
             itn__add_light(walk, weight, c, carried * ITN__LANE(rgb[c], 0), light->parameter);
@@ -5487,10 +5495,12 @@ static void itn__to_film(const itn_scene *scene, float rgb[3]) {
 }
 
 static double itn__encode(double light, double gamma);
-/* Copies an image's light into texels [height][width][3] after checking its values; of what
-   tilts (1: heights, 3: normals) what it codes, into [3][height][width]. */
+/* Copies an image's light into texels [height][width][3] after checking its values; with repair,
+   what is negative, infinite or NaN becomes 0. Of what tilts (1: heights, 3: normals) what it
+   codes, into [3][height][width]. */
 static itn_result itn__copy_texels(itn__maker *maker, const itn_image *image, float largest,
-                                   int tilted, int *width, int *height, float **texels) {
+                                   int repair, int tilted, int *width, int *height,
+                                   float **texels) {
     float least = tilted == 1 ? -largest : 0;
     const float *planes[3];
     if (!image || !image->pixels || !image->names || image->plane_count < 1 || image->width < 1 ||
@@ -5510,12 +5520,14 @@ static itn_result itn__copy_texels(itn__maker *maker, const itn_image *image, fl
         float rgb[3];
         for (int k = 0; k < 3; k++) {
             rgb[k] = planes[k][i];
+            if (repair && !(rgb[k] >= 0 && itn__finite(rgb[k]))) rgb[k] = 0;
             if (tilted && image->codes)
                 rgb[k] = (float)itn__encode((double)rgb[k], (double)image->gamma);
             if (!(rgb[k] >= least && rgb[k] <= largest))
-                return ITN__REFUSE("image value %g in row %d, column %d is not in [%g, %g]",
+                return ITN__REFUSE("image value %g in row %d, column %d is not in [%g, %g]%s",
                                    (double)rgb[k], i / *width, i % *width, (double)least,
-                                   (double)largest);
+                                   (double)largest, maker->kind == ITN__LIGHT ? " (repair takes "
+                                   "those that are negative, infinite or NaN as 0)" : "");
         }
         if (!tilted) itn__to_film(maker->scene, rgb);
         if (tilted == 1) rgb[0] = itn__luminance(rgb);
@@ -5628,13 +5640,14 @@ static itn_result itn__make_surface(itn__maker *maker, int index) {
     if (surface->texture == ITN_TEXTURE_CHECKER)
         itn__take_fields(maker, itn__forms[ITN__CHECKER_FORM], &in, surface);
     if (surface->texture == ITN_TEXTURE_IMAGE && !maker->result)
-        itn__copy_texels(maker, in.image, 1, 0, &surface->width, &surface->height,
+        itn__copy_texels(maker, in.image, 1, 0, 0, &surface->width, &surface->height,
                          &surface->texels);
     if ((in.bump || in.normal) && !maker->result) {
         surface->oriented = 1, surface->tilted = in.bump ? 1 : 3;
         if (in.bump) itn__take_fields(maker, itn__forms[ITN__TILT_FORM], &in, surface);
-        itn__copy_texels(maker, in.bump ? in.bump : in.normal, in.bump ? 1e12f : 1, surface->tilted,
-                         &surface->tilt_width, &surface->tilt_height, &surface->tilts);
+        itn__copy_texels(maker, in.bump ? in.bump : in.normal, in.bump ? 1e12f : 1, 0,
+                         surface->tilted, &surface->tilt_width, &surface->tilt_height,
+                         &surface->tilts);
     }
     if ((in.bump && in.normal) || (!in.bump && in.has_bump_scale))
         return ITN__REFUSE("has either a bump, with or without bump_scale, or a normal");
@@ -5760,8 +5773,10 @@ static itn_result itn__make_light(itn__maker *maker, int index) {
     itn__to_film(scene, light->radiance);
     if (in.type == ITN_LIGHT_SKY) return itn__make_sky(maker, &in, light);
     if (in.type == ITN_LIGHT_MAP &&
-        !itn__copy_texels(maker, in.image, ITN__MAX_RADIANCE, 0, &light->width, &light->height,
-                          &light->map)) {
+        !itn__copy_texels(maker, in.image, ITN__MAX_RADIANCE, in.repair, 0, &light->width,
+                          &light->height, &light->map)) {
+        light->turn = (in.rotate < 0 ? 360 + in.rotate : in.rotate) / 360;
+        light->turn -= floorf(light->turn);
         itn__split_map(maker, light);
         itn__make_grid(maker, light, 1);
     }
@@ -12479,6 +12494,18 @@ static int itn__read_list(itn__reader *r, const itn__field *field) {
 }
 
 static void itn__load_file(itn__reader *r);
+/* Reads a path, a word or what stands between quotes on a line. */
+static void itn__read_path(itn__reader *r, const itn__field *field) {
+    const char stops[] = {*r->text.at, '\r', '\n', 0}, *end = r->text.end;
+    const int quoted = *stops == '"' || *stops == '\'';
+    r->file = field, r->path = r->text.at + quoted, r->length = 0;
+    if (!quoted) r->length = itn__word_length(&r->text);
+    while (quoted && r->path + r->length < end && !strchr(stops, r->path[r->length])) r->length++;
+    r->text.at = r->path + r->length;
+    if (quoted && (r->text.at++ == end || r->text.at[-1] != *stops))
+        ITN__WRONG("%s: the path's quote does not end in this line", field->name);
+}
+
 /* Reads what follows a field's name; returns how many numbers. */
 static int itn__read_field(itn__reader *r, const itn__field *field) {
     if (strpbrk(field->form, "nl")) return itn__read_list(r, field);
@@ -12487,10 +12514,7 @@ static int itn__read_field(itn__reader *r, const itn__field *field) {
     if (strpbrk(field->form, "wmpyb") && itn__line_done(&r->text)) {
         ITN__WRONG("%s: the line ends too early", field->name);
     } else if (strpbrk(field->form, "mpyb")) {
-        if (*r->text.at == '"' || *r->text.at == '\'')
-            ITN__WRONG("%s: a path has neither quotes nor blanks", field->name);
-        r->file = field, r->path = r->text.at, r->length = itn__word_length(&r->text);
-        r->text.at += r->length;
+        itn__read_path(r, field);
         if (!r->text.result) itn__load_file(r);
     } else if (itn__has_form(field, 'w')) {
         itn__read_name(r, r->item + field->at);

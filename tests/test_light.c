@@ -189,6 +189,27 @@ done:
     itn_image_free(&map);
 }
 
+/* A map that is turned is that map, to whoever turns with it: values, densities and draws. */
+static void check_turned_map(float degrees, double planted) {
+    itn_image map = make_map(17, 9, 1);
+    itn_light_desc desc = map_light(&map);
+    itn_scene *before = plane_scene(&desc, 1, 4), *after;
+    double angle = (double)degrees * pi / 180 + planted, c = cos(angle), s = sin(angle);
+    itn__rng rng = itn__rng_make(8, 1, 1);
+    desc.rotate = degrees, after = plane_scene(&desc, 1, 4);
+    const itn__light *a = &before->lights[0], *b = &after->lights[0];
+    for (int k = 0; k < 200; k++) {
+        float u = itn__uniform(&rng), v = itn__uniform(&rng), there[3], here[3];
+        itn_vec3 d = one_light_sample(a, u, v), turned = one_light_sample(b, u, v);
+        itn_vec3 e = solids_vec3(c * d.x + s * d.z, d.y, c * d.z - s * d.x);
+        CHECK_NEAR(itn__length(itn__sub(turned, e)), 0, 2e-6);
+        itn__light_radiance(a, 1, d, there), itn__light_radiance(b, 1, e, here);
+        CHECK_NEAR(here[0], there[0], 1e-4);
+        CHECK_NEAR(one_light_pdf(b, e), one_light_pdf(a, d), 1e-4 * one_light_pdf(a, d) + 1e-5);
+    }
+    itn_scene_free(before), itn_scene_free(after), itn_image_free(&map);
+}
+
 static void test_maps(void) {
     check_map(64, 33, 0, .05, 1);
     check_map(64, 33, 1, .1, 1);
@@ -406,6 +427,10 @@ static void test_chance(void) {
 int main(void) {
     test_light_directions();
     test_maps();
+    check_turned_map(100, 0);
+    check_turned_map(-360, 0);
+    check_turned_map(-37.5f, 0);
+    CHECK_CATCHES(check_turned_map(100, .001));
     test_light_sky();
     test_sun();
     test_planes();

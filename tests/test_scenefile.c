@@ -87,6 +87,8 @@ static void write_files(void) {
     CHECK(itn_image_save_pfm(&image, 0, 1, scenefile_in_directory("image.pfm"), NULL) == ITN_OK);
     for (k = 0; k < 12; k++) image.pixels[k] = 2; /* more than a surface reflects */
     CHECK(itn_image_save_pfm(&image, 0, 1, scenefile_in_directory("bright.pfm"), NULL) == ITN_OK);
+    image.pixels[4] = -1e-5f, image.pixels[6] = NAN, image.pixels[11] = INFINITY;
+    CHECK(itn_image_save_pfm(&image, 0, 1, scenefile_in_directory("negative.pfm"), NULL) == ITN_OK);
     itn_image_free(&image);
     CHECK(itn_image_create(4, 1, 1, NULL, &image, NULL) == ITN_OK);
     strcpy(image.names[0], "Y");
@@ -150,6 +152,24 @@ static void test_scenefile_full(void) {
     if (!check_report(scene != NULL, __FILE__, __LINE__, "%s", error.message)) return;
     check_full_scene(scene, -.25f);
     CHECK_CATCHES(check_full_scene(scene, .25f));
+    itn_scene_free(scene);
+}
+
+/* Paths between quotes, also with the words of fields in them; a map that is turned and mended. */
+static void test_quotes(int planted) {
+    char text[600];
+    itn_error error = ITN_ZERO;
+    write_text("my 'cube' type.obj", cube_text);
+    sprintf(text, "camera eye 0 1 9 target 0 0 0\nmedium m sigma_t 1 albedo .5\n"
+            "object mesh \"my 'cube' type.obj\" medium m\nlight map 'negative.pfm' "
+            "rotate -90 %s\n", planted ? "" : "repair");
+    itn_scene *scene = load_text(text, NULL, &error);
+    CHECK(scene && scene->lights[0].turn == .75f);
+    for (int k = 0; scene && k < 36; k++) {
+        float value = scene->lights[0].map[k];
+        int bad = k / 3 == 4 || k / 3 == 6 || k / 3 == 11;
+        CHECK(value == (bad ? 0 : 2));
+    }
     itn_scene_free(scene);
 }
 
@@ -375,7 +395,10 @@ static const bad_line bad_lines[] = {
     {"surface x type diffuse reflectance checker 0 0 0 1 1 1 1", ITN_ERROR_FORMAT, "channels 3"},
     {"surface x type diffuse reflectance 1 checker 0 1 1", ITN_ERROR_FORMAT, "reflectance"},
     {"object mesh", ITN_ERROR_FORMAT, "mesh"},
-    {"object mesh \"my cube.obj\" medium m", ITN_ERROR_FORMAT, "neither quotes nor blanks"},
+    {"object mesh \"my cube.obj\" medium m", ITN_ERROR_FILE, "/my cube.obj: cannot read"},
+    {"object mesh \"cube.obj medium m", ITN_ERROR_FORMAT, "quote does not end"},
+    {"object mesh 'cube.obj\" medium m", ITN_ERROR_FORMAT, "quote does not end"},
+    {"object mesh \"\" medium m", ITN_ERROR_FILE, "cannot read"},
     {"object mesh none.obj medium m", ITN_ERROR_FILE, "none.obj"},
     {"object mesh scene.itn medium m", ITN_ERROR_FORMAT, "scene.itn"},
     {"object mesh cube.obj medium x", ITN_ERROR_FORMAT, "no medium 'x'"},
@@ -406,6 +429,10 @@ static const bad_line bad_lines[] = {
     {"light map none.exr", ITN_ERROR_FILE, "none.exr"},
     {"light map row.pfm", ITN_ERROR_FORMAT, "at least 1 x 2"},
     {"light map row.pfm name dusk", ITN_ERROR_FORMAT, "dusk: needs an image"},
+    {"light map image.pfm rotate 400", ITN_ERROR_FORMAT, "rotate 400 is not in"},
+    {"light map image.pfm rotate", ITN_ERROR_FORMAT, "rotate"},
+    {"light constant radiance 1 repair", ITN_ERROR_FORMAT, "'repair' is none of"},
+    {"light map negative.pfm", ITN_ERROR_FORMAT, "(repair takes those that are"},
     {"light map layers.exr", ITN_ERROR_FORMAT, "'layer.A', 'layer.R'"},
     {"surface s type diffuse reflectance texture bright.pfm", ITN_ERROR_FORMAT,
      "s: image value 2"},
@@ -754,7 +781,8 @@ static void test_shipped_scenes(void) {
 static void remove_files(void) {
     static const char *const names[] = {"cube.obj", "open.obj",  "a:moved.obj", "a.sky",
                                         "bad.sky",  "image.pfm", "scene.itn", "damaged.sky",
-                                        "hot.sky",  "row.pfm", "bright.pfm", "layers.exr"};
+                                        "hot.sky",  "row.pfm", "bright.pfm", "layers.exr",
+                                        "negative.pfm", "my 'cube' type.obj"};
     size_t i;
     for (i = 0; i < sizeof names / sizeof names[0]; i++) remove(scenefile_in_directory(names[i]));
     CHECK(rmdir(scenefile_directory) == 0);
@@ -765,6 +793,8 @@ int main(void) {
     if (!mkdtemp(scenefile_directory)) return 1;
     write_files();
     test_scenefile_full();
+    test_quotes(0);
+    CHECK_CATCHES(test_quotes(1));
     test_line_ends("\r\n");
     test_line_ends("\r");
     test_line_ends(" \t\n");
