@@ -547,9 +547,97 @@ static void test_black(void) {
     }
 }
 
+/* A metal in three channels, with a checker: each of its 13 parameters has, asked for with all
+   others, the slope it has in a scene of its channel alone. */
+static void test_colours(void) {
+    static const char *const eta[3] = {".3", ".8", "1.5"}, *const k[3] = {"4", "2", "1.2"};
+    static const char rest[] = "object plane surface s half 3\nlight constant radiance 1\n"
+                               "camera eye 1 2 2 target 0 0 0 fov 40\n";
+    static const char *const one[3] = {".9 .3", ".7 .4", ".5 .6"};
+    static const char letters[] = "rgb", planes[] = "RGB";
+    const char *names[5] = {"s.reflectance", "s.reflectance2", "s.eta", "s.k", "s.alpha"};
+    itn_render_options options = ITN_ZERO;
+    itn_image image;
+    char text[700], name[60], plane[99], variance[99];
+    int asked[13];
+    itn_scene *scene, *own;
+    itn_error error;
+    options.spp = 256;
+    snprintf(text, sizeof text, "film width 8 height 8 channels 3\n%ssurface s type conductor "
+             "eta .3 .8 1.5 k 4 2 1.2 alpha .3 reflectance checker .9 .7 .5 .3 .4 .6 .5", rest);
+    solids_need(itn_scene_from_memory(text, strlen(text), NULL, NULL, 0, NULL, &scene, &error),
+                &error);
+    for (int j = 0; j < 13; j++) asked[j] = scene->surfaces->first + j;
+    CHECK(scene->surfaces->count == 13);
+    for (int run = 0; run < 6; run++) { /* two ways, three channels */
+        int c = run / 2;
+        solids_mean alone[6];
+        solids_way(&options, run % 2 * 2);
+        options.seed = 5;
+        solids_need(itn_render(scene, NULL, &options, asked, 13, &image, &error), &error);
+        snprintf(text, sizeof text, "film width 8 height 8\n%ssurface s type conductor eta %s k %s "
+                 "alpha .3 reflectance checker %s .5", rest, eta[c], k[c], one[c]);
+        solids_need(itn_scene_from_memory(text, strlen(text), NULL, NULL, 0, NULL, &own, &error),
+                    &error);
+        options.seed = 6;
+        solids_measure(own, NULL, &options, names, 5, alone);
+        for (int j = 0; j < 5; j++) {
+            snprintf(name, sizeof name, j < 4 ? "d_s_%s_%c" : "d_s_%s", names[j] + 2, letters[c]);
+            snprintf(plane, sizeof plane, "%s.%c", name, planes[c]);
+            snprintf(variance, sizeof variance, "%s_variance.%c", name, planes[c]);
+            solids_mean all = solids_plane_mean(&image, plane, variance);
+            CHECK(all.value != 0);
+            CHECK_NEAR(all.value, alone[1 + j].value, 5 * hypot(all.error, alone[1 + j].error));
+        }
+        itn_image_free(&image), itn_scene_free(own);
+    }
+    itn_scene_free(scene);
+}
+
+/* An image as texture: its slopes by texels, times these, add up to that by the reflectance, times
+   it, as both multiply the light. */
+static void test_texture(itn_surface_type type, double planted) {
+    enum { SIZE = 12 };
+    itn_image pattern, texels;
+    itn_scene *scene;
+    itn_error error;
+    itn_render_options options = ITN_ZERO;
+    float weights[SIZE * SIZE];
+    double gradient, sum = 0;
+    stage s;
+    stage_need(itn_image_create(3, 4, 1, NULL, &pattern, &error), &error);
+    strcpy(pattern.names[0], "Y");
+    for (int j = 0; j < 12; j++) pattern.pixels[j] = .3f + .05f * (float)j;
+    stage_begin(&s, SIZE, 2, 60);
+    s.desc.camera.eye.y = 1;
+    itn_surface_desc *surface = opaque_surface(&s, "s", type, .8);
+    surface->texture = ITN_TEXTURE_IMAGE, surface->image = &pattern;
+    surface->eta[0] = 1, surface->k[0] = 2, surface->alpha = .3f;
+    surface->sigma = 40, surface->alpha_x = .2f, surface->alpha_y = .3f, surface->nu = 20;
+    stage_object(&s, NULL, NULL, "s"), stage_constant(&s, NULL, 1);
+    scene = stage_make(&s);
+    int asked = itn_parameter_find(scene, "s.reflectance");
+    for (int j = 0; j < SIZE * SIZE; j++) weights[j] = 1;
+    options.spp = 16, options.mode = ITN_MODE_REFERENCE;
+    stage_need(itn_render_gradient(scene, NULL, &options, weights, &asked, 1, &gradient, NULL,
+                                   &error), &error);
+    stage_need(itn_render_texel_gradient(scene, NULL, &options, weights, "s", &texels, &error),
+               &error);
+    for (int j = 0; j < 12; j++)
+        sum += (double)texels.pixels[j] * (double)pattern.pixels[j];
+    CHECK_NEAR(sum * planted, gradient * .8, 1e-4 * gradient);
+    CHECK(gradient > 1);
+    itn_image_free(&texels), itn_image_free(&pattern);
+    itn_scene_free(scene);
+}
+
 int main(void) {
     test_refused();
     test_black();
+    test_colours();
+    for (int k = ITN_SURFACE_MIRROR; k <= ITN_SURFACE_ASHIKHMIN; k++)
+        test_texture((itn_surface_type)k, 1);
+    CHECK_CATCHES(test_texture(ITN_SURFACE_WARD, 1.01));
     test_models();
     test_slopes(8, 1);
     test_found();
