@@ -5508,14 +5508,14 @@ static itn_result itn__copy_texels(itn__maker *maker, const itn_image *image, fl
     return maker->result;
 }
 
-/* Takes over a measured BRDF. Of what is above its darkest ring of theta_h, half is on either side
-   of the median, which GGX has where the tangent is alpha. */
+/* Takes over a measured BRDF. GGX is half as large as at its middle where the tangent of theta_h is
+   .64 alpha. */
 static uint64_t itn__from_bytes(const unsigned char *bytes, size_t size, int big);
 static itn_result itn__take_table(itn__maker *maker, const itn_file *file, itn__surface *surface) {
     static const float scales[3] = {1 / 1500.f, 1.15f / 1500, 1.66f / 1500};
     const unsigned char *bytes = (const unsigned char *)file->bytes;
-    double ring[90] = {0}, darkest = DBL_MAX, sum[91] = {0}, angle[90];
-    int size = 12 + 24 * ITN__CELLS, good = bytes && file->size == (size_t)size;
+    double ring[90] = {0}; /* sums of luminance at each theta_h */
+    int half = 0, size = 12 + 24 * ITN__CELLS, good = bytes && file->size == (size_t)size;
     for (int k = 0; k < 3 && good; k++)
         good = itn__from_bytes(bytes + 4 * k, 4, 0) == (k < 2 ? 90 : 180);
     if (!good)
@@ -5533,14 +5533,8 @@ static itn_result itn__take_table(itn__maker *maker, const itn_file *file, itn__
         itn__to_film(maker->scene, rgb);
         ring[i / (ITN__CELLS / 90)] += (double)itn__luminance(rgb);
     }
-    for (int k = 0; k < 90; k++) darkest = fmin(darkest, ring[k]);
-    for (int k = 0; k < 90; k++) {
-        angle[k] = (double)ITN__PI / 2 * (k + .5) * (k + .5) / 8100;
-        sum[k + 1] = sum[k] + (ring[k] - darkest) * sin(2 * angle[k]) * (k + .5);
-    }
-    surface->gloss = 1;
-    for (int k = 89; k >= 0; k--)
-        if (sum[k + 1] > sum[90] / 2) surface->gloss = (float)fmin(fmax(tan(angle[k]), .002), 1);
+    while (half < 85 && ring[half] >= .5 * ring[0]) half++;
+    surface->gloss = itn__clamp(1.55f * tanf(ITN__PI / 16200 * half * half), .002f, 1);
     return maker->result;
 }
 
@@ -8400,15 +8394,16 @@ static const char *itn__ior_flaw(const itn__render *render, int parameter, const
     return NULL;
 }
 
-/* Whether a map tilts something smooth, whose light jumps with its normal. */
-static int itn__tilts_smooth(const itn__render *render, const float *tilts) {
-    int smooth = 0;
-    for (int i = 0; i < render->scene->surface_count; i++)
-        smooth |= render->scene->surfaces[i].tilts == tilts &&
-                  itn__is_smooth(&render->scene->surfaces[i], render->theta);
-    return smooth;
+/* Why the scene cannot be differentiated in a bump_scale, or in a map that tilts; NULL: it can. */
+static const char *itn__tilt_flaw(const itn__render *render, int bump_scale, const float *tilts) {
+    for (int i = 0; i < render->scene->surface_count; i++) {
+        const itn__surface *s = &render->scene->surfaces[i];
+        if (s->tilted && (s->bump_scale == bump_scale || s->tilts == tilts) &&
+            itn__is_smooth(s, render->theta))
+            return "a smooth surface sends light in one direction, which jumps as it is tilted";
+    }
+    return NULL;
 }
-#define ITN__JUMPS "a smooth surface that is tilted has light that jumps with its normal"
 
 /* Gives each parameter asked for its slot, if the scene can be differentiated in it. */
 static itn_result itn__ask(itn__render *render, itn_error *error) {
@@ -8421,9 +8416,7 @@ static itn_result itn__ask(itn__render *render, itn_error *error) {
         render->slots[asked] = k, render->only[k] = scene->sources[asked].channel;
         const char *where = "", *flaw = NULL;
         if (itn__is_a(scene, asked, 'N')) flaw = itn__ior_flaw(render, asked, &where);
-        for (int i = 0; i < scene->surface_count; i++)
-            if (scene->surfaces[i].bump_scale == asked &&
-                itn__tilts_smooth(render, scene->surfaces[i].tilts)) flaw = ITN__JUMPS;
+        if (itn__is_a(scene, asked, 'H')) flaw = itn__tilt_flaw(render, asked, NULL);
         if (flaw)
             return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "%s: %s%s",
                              scene->parameters[asked].name, flaw, where);
@@ -8915,8 +8908,8 @@ ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float
         return ITN__INVALID("itn_render_texel_gradient: %s \"%.32s\" that has an image",
                             found ? "both a surface and a light" : "no surface or light", item);
     itn_result result = itn__render_begin(&render, scene, theta, options, NULL, 0, weights, error);
-    if (!result && texels.tilts && itn__tilts_smooth(&render, texels.texture))
-        result = itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "%s: " ITN__JUMPS, item);
+    const char *flaw = !result && texels.tilts ? itn__tilt_flaw(&render, -2, texels.texture) : NULL;
+    if (flaw) result = itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "%s: %s", item, flaw);
     render.texels = &texels;
     if (!result) result = itn__choose_walk(&render, error);
     if (!result) result = itn__render_run(&render, error);
