@@ -563,9 +563,9 @@ ITN_API double itn_parameter_slope(const itn_parameter *parameter, double value)
 
 /* AUTO is FAST, except for what only the reference can do: media whose sigma_t or g differ between
    channels, a limit of scatterings, media in meshes with holes (force), derivatives by the values
-   of an image, in an index of refraction, in an albedo or a reflectance below .01, in a light's
-   scale of 0, or in a sigma_t whose mean free path is more than four radii of what is in the
-   scene. */
+   of an image, in an index of refraction, in a bump_scale, in an albedo, a reflectance or a weight
+   below .01, in a light's scale of 0, or in a sigma_t whose mean free path is more than four radii
+   of what is in the scene. */
 typedef enum itn_mode { ITN_MODE_AUTO = 0, ITN_MODE_REFERENCE, ITN_MODE_FAST } itn_mode;
 /* How samples are spread: by an Owen-scrambled Sobol sequence over the pixel, the first boundary
    and the first flight, or each on its own. This, itn_estimator and walks are of the fast walk
@@ -617,8 +617,9 @@ typedef struct itn_render_options {
    scene keeps up to 4 MB of it per thread for the next render.
    Errors: UNSUPPORTED (the derivative in the ior of a smooth surface, whose directions jump with
    it, of a rough one whose ior is 1, or of one whose object's box meets that of another dielectric
-   object with a smooth surface, or with a different surface of equal index; with mode FAST, what
-   itn_mode lists), CANCELLED, ARGUMENT (spp * walks beyond 2^31 - 1 in the fast walk). */
+   object with a smooth surface, or with a different surface of equal index; that by the tilts of a
+   smooth surface; with mode FAST, what itn_mode lists), CANCELLED, ARGUMENT (spp * walks beyond
+   2^31 - 1 in the fast walk). */
 ITN_API itn_result itn_render(const itn_scene *scene, const float *theta,
                               const itn_render_options *options, const int *parameters, int count,
                               itn_image *image, itn_error *error);
@@ -637,12 +638,13 @@ ITN_API itn_result itn_render_gradient(const itn_scene *scene, const float *thet
                                        double *variance, itn_error *error);
 
 /* Adjoint by the values of an image in the scene, the texture of the surface `item` or the map of
-   the light `item`: gradient = sum over pixels and channels of weights * dI/d(value), for all of
-   its values at the cost of one render of the reference. The new image has the size of that image,
-   in the scene's channels, and of each its variance, as "Variance.Y" (from second moments, so too
-   large where a few texels fill the picture). In a scene of one channel a map counts with its
-   luminance. Memory: one to 16 copies, as many as fit in 100 MB, of 24 bytes per value and
-   channel. */
+   the light `item`, or of surface s by its heights, `s.bump` (in one channel), or `s.normal` (in
+   three; of PNG files by codes, 0 to 1): gradient = sum over pixels and channels of weights *
+   dI/d(value), for all of its values at the cost of one render of the reference. The new image has
+   the size of that image, in the scene's channels, and of each its variance, as "Variance.Y" (from
+   second moments, so too large where a few texels fill the picture). In a scene of one channel a
+   map counts with its luminance. Memory: one to 16 copies, as many as fit in 100 MB, of 24 bytes
+   per value and channel. */
 ITN_API itn_result itn_render_texel_gradient(const itn_scene *scene, const float *theta,
                                              const itn_render_options *options,
                                              const float *weights, const char *item,
@@ -12718,6 +12720,7 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history] what changed for callers, newest first
+   0.12.0 bump and normal maps on every surface, blends, measured surfaces (MERL)
    0.11.0 rough and smooth dielectrics under maps and skies render several times as efficiently;
           samples by pixel for gradients, too.
           breaks: itn_refine is Gauss-Newton alone: itn_method, the options method and learning_rate

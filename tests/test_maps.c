@@ -67,7 +67,7 @@ static solids_mean maps_mean(const char *surfaces, const char *object, double he
 
 /* ---- tilts ----------------------------------------------------------------------------------- */
 
-/* A diffuse plane tilted by an angle sees rho (1 + cos) / 2 of a constant light; from both sides. */
+/* A diffuse plane tilted by an angle has rho (1 + cos) / 2 in a constant light; from both sides. */
 static void test_tilt(double planted) {
     static const char *const maps[2] = {"bump ramp.pfm bump_scale 1", "normal normal.pfm"};
     double square = maps_slope[0] * maps_slope[0] + maps_slope[1] * maps_slope[1];
@@ -139,8 +139,8 @@ static void test_tilt_texels(double planted) {
     itn_scene_free(scene);
     scene = maps_scene("surface s type diffuse reflectance .8 normal normal.pfm",
                        "plane surface s", .5);
-    stage_need(itn_render_texel_gradient(scene, NULL, &options, weights, "s.normal", &image, &error),
-               &error);
+    stage_need(itn_render_texel_gradient(scene, NULL, &options, weights, "s.normal", &image,
+                                         &error), &error);
     CHECK(image.plane_count == 6 && !strcmp(image.names[2], "B"));
     for (int k = 0; k < 3; k++) square += m[k] * m[k], sum[k] = 0;
     for (int k = 0; k < 3 * MAPS_TEXELS; k++) sum[k / MAPS_TEXELS] += (double)image.pixels[k];
