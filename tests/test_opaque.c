@@ -265,7 +265,8 @@ static void opaque_draws(int model, double theta, double phi, double planted) {
             ring = ring < OPAQUE_RINGS ? ring : OPAQUE_RINGS - 1;
             counts[ring * OPAQUE_TURNS + (int)(turn * OPAQUE_TURNS) % OPAQUE_TURNS]++, drawn++;
             for (int k = 0; k <= c.model->count; k++) {
-                v = (double)ITN__LANE(k ? c.factor.slope[k - 1][0] : c.factor.value[0], l);
+                itn__floats *from = k ? c.factor.slope[k - 1] : c.factor.value;
+                v = (double)ITN__LANE(from[0], l);
                 sums[k][0] += v / DRAWS, sums[k][1] += v * v / DRAWS;
             }
         }
