@@ -77,9 +77,9 @@
 
    [limits] Media are homogeneous. Normals are geometric (facets show). Lights are infinitely far
      away. An eye within a dielectric of index n sees basic radiance, L / n^2. No emission,
-     polarisation, dispersion, time of flight, motion or depth of field. Rough boundaries are
-     single-scattering GGX: the light that would meet a second microfacet is lost. A smooth boundary
-     cannot be differentiated in its index.
+     polarisation, dispersion, time of flight, motion or depth of field. Microfacets scatter once:
+     the light that would meet a second one is lost. A smooth boundary cannot be differentiated in
+     its index.
 
    [paper] C. Che, F. Luan, S. Zhao, K. Bala, I. Gkioulekas, "Inverse Transport Networks" (2018);
      equation numbers below are the paper's. Its symbols here: pi theta (parameters), T itn_render,
@@ -12720,7 +12720,8 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 #endif /* ITN_IMPLEMENTATION */
 
 /* [history] what changed for callers, newest first
-   0.12.0 bump and normal maps on every surface, blends, measured surfaces (MERL)
+   0.12.0 materials: mirror, conductor, rough diffuse, Ward, Ashikhmin and Shirley, measured (MERL),
+          Beckmann's facets, blends of all; bump and normal maps
    0.11.0 rough and smooth dielectrics under maps and skies render several times as efficiently;
           samples by pixel for gradients, too.
           breaks: itn_refine is Gauss-Newton alone: itn_method, the options method and learning_rate
