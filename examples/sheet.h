@@ -13,6 +13,12 @@
 #include <stdlib.h>
 #include <string.h>
 
+#if defined(__GNUC__)
+#define SHEET_API static __attribute__((unused))
+#else
+#define SHEET_API static
+#endif
+
 typedef struct sheet_colour { float r, g, b; } sheet_colour;
 typedef struct sheet_box { double left, top, width, height; } sheet_box;
 typedef struct sheet_axis { double from, to; int logarithmic; } sheet_axis;
@@ -49,7 +55,7 @@ static const char *const SHEET_FONT[96] = {
     "02420646", "30202213242636", "2027", "10202233242616", "03123443", "2024 0242 0646"};
 
 /* Makes an empty white page. Returns 0 if there is no memory. */
-static int sheet_make(itn_image *page, int width, int height) {
+SHEET_API int sheet_make(itn_image *page, int width, int height) {
     itn_error error;
     size_t i, count = 3 * (size_t)width * (size_t)height;
     if (itn_image_create(width, height, 3, NULL, page, &error)) return 0;
@@ -58,7 +64,7 @@ static int sheet_make(itn_image *page, int width, int height) {
 }
 
 /* Mixes a colour into a pixel, if there is one. */
-static void sheet_dot(itn_image *page, int x, int y, sheet_colour colour, double cover) {
+SHEET_API void sheet_dot(itn_image *page, int x, int y, sheet_colour colour, double cover) {
     size_t plane = (size_t)page->width * (size_t)page->height;
     float *p, c = (float)cover;
     if (x < 0 || y < 0 || x >= page->width || y >= page->height || !(cover > 0)) return;
@@ -68,14 +74,14 @@ static void sheet_dot(itn_image *page, int x, int y, sheet_colour colour, double
     p[2 * plane] += c * (colour.b - p[2 * plane]);
 }
 
-static void sheet_fill(itn_image *page, sheet_box b, sheet_colour colour, double cover) {
+SHEET_API void sheet_fill(itn_image *page, sheet_box b, sheet_colour colour, double cover) {
     int x, y, right = (int)floor(b.left + b.width + .5), bottom = (int)floor(b.top + b.height + .5);
     for (y = (int)floor(b.top + .5); y < bottom; y++)
         for (x = (int)floor(b.left + .5); x < right; x++) sheet_dot(page, x, y, colour, cover);
 }
 
 /* A straight stroke with round ends: pixels are covered by their distance to it. */
-static void sheet_line(itn_image *page, double x0, double y0, double x1, double y1, double width,
+SHEET_API void sheet_line(itn_image *page, double x0, double y0, double x1, double y1, double width,
                        sheet_colour colour) {
     double dx = x1 - x0, dy = y1 - y0, length = dx * dx + dy * dy, pad = .5 * width + 1;
     int x, y;
@@ -88,10 +94,10 @@ static void sheet_line(itn_image *page, double x0, double y0, double x1, double 
         }
 }
 
-static double sheet_width(const char *text, double size) { return (double)strlen(text) * size; }
+SHEET_API double sheet_width(const char *text, double size) { return (double)strlen(text) * size; }
 
 /* Writes a line of text; y is its base line, and x its left (-1), middle (0) or right (1) end. */
-static void sheet_text(itn_image *page, double x, double y, int align, double size,
+SHEET_API void sheet_text(itn_image *page, double x, double y, int align, double size,
                        sheet_colour colour, const char *text) {
     double unit = size / 6, pen = fmax(1.25, size / 6);
     x -= .5 * (align + 1) * (sheet_width(text, size) - 2 * unit);
@@ -105,7 +111,7 @@ static void sheet_text(itn_image *page, double x, double y, int align, double si
 }
 
 /* Blue below 0, white, red above; t in [-1,1], cut. Not a number is grey. */
-static sheet_colour sheet_signed(double t) {
+SHEET_API sheet_colour sheet_signed(double t) {
     sheet_colour c = {1, 1, 1};
     double a = fmin(fabs(t), 1);
     float little = (float)pow(1 - .85 * a, 2.2), much = (float)pow(1 - .2 * a * a, 2.2);
@@ -118,7 +124,7 @@ static sheet_colour sheet_signed(double t) {
 
 /* A picture of 1 or 3 planes, each pixel a square (or a part of one where there are too many).
    Tones: the value over `full`; else by sheet_signed, the mean of the planes. */
-static void sheet_picture(itn_image *page, sheet_box b, const float *planes, int channels,
+SHEET_API void sheet_picture(itn_image *page, sheet_box b, const float *planes, int channels,
                           int width, int height, int tones, double full) {
     size_t plane = (size_t)width * (size_t)height;
     int x, y, k;
@@ -141,7 +147,7 @@ static void sheet_picture(itn_image *page, sheet_box b, const float *planes, int
 }
 
 /* The scale of signed colours, from -full to full, below a picture. */
-static void sheet_bar(itn_image *page, sheet_box b, double full, const char *unit) {
+SHEET_API void sheet_bar(itn_image *page, sheet_box b, double full, const char *unit) {
     char text[64];
     int x, i;
     for (x = 0; x < (int)b.width; x++) {
@@ -157,15 +163,15 @@ static void sheet_bar(itn_image *page, sheet_box b, double full, const char *uni
 }
 
 /* Where a value lies along a length. */
-static double sheet_place(sheet_axis a, double value) {
+SHEET_API double sheet_place(sheet_axis a, double value) {
     if (a.logarithmic)
         return log(fmax(value, 1e-300) / a.from) / log(a.to / a.from);
     return (value - a.from) / (a.to - a.from);
 }
 
 /* The frame of a chart with round numbers along the axes, and a title. */
-static void sheet_axes(itn_image *page, sheet_box b, sheet_axis x, sheet_axis y, const char *title,
-                       const char *below) {
+SHEET_API void sheet_axes(itn_image *page, sheet_box b, sheet_axis x, sheet_axis y,
+                          const char *title, const char *below) {
     int vertical;
     sheet_text(page, b.left, b.top - 8, -1, 10, SHEET_INK, title);
     sheet_text(page, b.left + .5 * b.width, b.top + b.height + 29, 0, 9, SHEET_GREY, below);
@@ -196,12 +202,12 @@ static void sheet_axes(itn_image *page, sheet_box b, sheet_axis x, sheet_axis y,
 }
 
 /* A value's y in a chart, cut at the frame. */
-static double sheet_height(sheet_box b, sheet_axis y, double value) {
+SHEET_API double sheet_height(sheet_box b, sheet_axis y, double value) {
     return b.top + b.height * (1 - fmin(fmax(sheet_place(y, value), 0), 1));
 }
 
 /* A curve through points with a band of +- errors. What is outside is cut. */
-static void sheet_curve(itn_image *page, sheet_box b, sheet_axis x, sheet_axis y, int count,
+SHEET_API void sheet_curve(itn_image *page, sheet_box b, sheet_axis x, sheet_axis y, int count,
                         const double *xs, const double *ys, const double *errors,
                         sheet_colour colour) {
     double x0 = 0, y0 = 0;

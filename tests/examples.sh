@@ -24,7 +24,9 @@ keep() {
 native="-std=c99 $native"
 strict="$native -std=gnu99 -O1 -Wall -Wextra -Wpedantic -Werror"
 mkdir "$work/examples"
+mkdir "$work/examples/course"
 cp "$root/itn.h" "$work" && cp "$root"/examples/*.[ch] "$root/examples/Makefile" "$work/examples"
+cp "$root"/examples/course/*.[ch] "$work/examples/course"
 check "object of the header" make -s -C "$here" build/itn.o
 cp "$here/build/itn.o" "$work/examples" || exit 1
 check "examples/Makefile" make -s -C "$work/examples" CC="$CC" CFLAGS="$strict"
@@ -54,10 +56,20 @@ cd "$work" || exit 1
 ln -s "$root/scenes" scenes # paths in scene files have no blanks
 
 check "slab" ./slab
-check "learn" ./learn
 sed "s/128/32/g; s|shapes/|scenes/shapes/|" "scenes/studio.itn" > studio.itn
-check "derivatives" ./derivatives studio.itn studio
-check "derivatives: pictures" test -s studio.png -a -s studio_d_milk_sigma_t.png
+
+# the course: each program checks itself and leaves a picture; so do the solutions, those that take
+# long are only compiled
+course() { (cd examples/course && ./"$1"); }
+for source in "$root"/examples/course/*.c; do
+    lesson=$(basename "$source" .c)
+    check "course/$lesson" course "$lesson"
+    check "course/$lesson: its picture" test -s "examples/course/$lesson.png"
+    check "course/$lesson: solution" make -s -B -C examples "course/$lesson" CC="$CC" \
+        CFLAGS="$strict -DSOLUTION" -o itn.o
+    case $lesson in 05* | 07* | 10*) continue ;; esac
+    check "course/$lesson: the solution's checks" course "$lesson"
+done
 
 # rendering: every scene loads and renders; the line that scripts read; files of all kinds
 line='^render [0-9.]+ s, build [0-9.]+ s, [0-9.]+ Mpaths/s, [0-9.]+ Mcollisions/s, mean [0-9.]+ \+- [0-9.]+$'
@@ -210,7 +222,7 @@ prints 'means of 2x2 pixels'
 prints 'in units of the lights'
 
 # the page on photos: its command as it stands there
-awk '/^```sh$/ { on = 1; next } /^```$/ { on = 0 } on' "$root/examples/README.md" > page.sh
+awk '/^```sh$/ { on = 1; next } /^```$/ { on = 0 } on' "$root/examples/photo.md" > page.sh
 check "photos: two commands" grep -q '^cc .* invert.c -o invert ' page.sh
 sed -i 1d page.sh
 ln -sf ../invert examples/invert
