@@ -5612,6 +5612,7 @@ static itn_result itn__make_surface(itn__maker *maker, int index) {
     if (surface->texture == ITN_TEXTURE_IMAGE && !maker->result)
         itn__copy_texels(maker, in.image, 1, 0, 0, &surface->width, &surface->height,
                          &surface->texels);
+    if (in.type == ITN_SURFACE_BLEND && !maker->result) itn__take_weights(maker, &in, surface);
     if ((in.bump || in.normal) && !maker->result) {
         surface->oriented = 1, surface->tilted = in.bump ? 1 : 3;
         if (in.bump) itn__take_fields(maker, itn__forms[ITN__TILT_FORM], &in, surface);
@@ -5621,7 +5622,6 @@ static itn_result itn__make_surface(itn__maker *maker, int index) {
     }
     if ((in.bump && in.normal) || (!in.bump && in.has_bump_scale))
         return ITN__REFUSE("has either a bump, with or without bump_scale, or a normal");
-    if (in.type == ITN_SURFACE_BLEND) itn__take_weights(maker, &in, surface);
     if (in.type == ITN_SURFACE_MEASURED && !maker->result)
         itn__take_table(maker, &in.measured, surface);
     surface->checker_size = in.checker_size, surface->distribution = in.distribution;

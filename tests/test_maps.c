@@ -182,6 +182,21 @@ static void test_blend(double planted) {
 }
 
 #define MAPS_SLAB "mesh slab.obj medium m surface s"
+/* A blend that is tilted as a whole is one of tilted parts; those with a map of their own keep it. */
+static void test_tilted_blend(double planted) {
+    for (int k = 0; k < 4; k++) {
+        itn_mode mode = k % 2 ? ITN_MODE_FAST : ITN_MODE_REFERENCE;
+        const char *own = k / 2 ? "bump ramp.pfm" : "", *whole = k / 2 ? "" : "bump ramp.pfm";
+        double cosine = 1 / sqrt(1 + maps_slope[0] * maps_slope[0] + maps_slope[1] * maps_slope[1]);
+        char text[300];
+        snprintf(text, sizeof text, "surface a type diffuse reflectance .8 %s\n"
+                 "surface b type diffuse reflectance .2 normal normal.pfm\n"
+                 "surface s type blend surfaces a b weights .6 .2 %s", own, whole);
+        solids_mean m = maps_mean(text, "plane surface s", .5, mode, NULL, 1000);
+        CHECK_MEAN(m.value * (1 + planted), m.error, .26 * (1 + cosine), 4, .005);
+    }
+}
+
 /* What loses nothing looks as the light around it: glass, or nothing, coated white, with a medium
    inside that scatters all. */
 static void test_coated(const char *glass, double white) {
@@ -386,7 +401,7 @@ int main(void) {
     test_tilt_texels(0);
     test_blend(0);
     test_coated("ior 1.5", 1), test_coated("ior 1", 1), test_coated("ior 1 alpha .2", 1);
-    test_tilted_solids(0);
+    test_tilted_solids(0), test_tilted_blend(0);
     test_tilt_slopes("medium m sigma_t 2 albedo .8\nsurface s type dielectric alpha .4 "
                      "bump waves.pfm", MAPS_SLAB, 2000, 0);
     test_measured(.9, 0), test_measured(.3, 0);
@@ -397,6 +412,7 @@ int main(void) {
     CHECK_CATCHES(test_coated("ior 1.5", .8));
     CHECK_CATCHES(test_measured(.9, .2));
     CHECK_CATCHES(test_tilted_solids(.1));
+    CHECK_CATCHES(test_tilted_blend(.05));
     CHECK_CATCHES(test_tilt_slopes(brass, "plane surface s", 2000, .5));
     for (int k = 0; k < 4; k++) free((void *)(uintptr_t)maps_files[k].bytes);
     return check_end("maps");
