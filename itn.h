@@ -5786,7 +5786,7 @@ static itn__floats itn__lattice(int k, int c) {
     return x - itn__to_floats(itn__to_ints(x));
 }
 
-/* Makes the light to which paths are guided within dielectrics ([walk]), if there are some: a map
+/* Makes the light to which paths are guided within media ([walk]), if there are some: a map
    of what the sampled lights have above their mean, over that, each node by the draws around it. */
 enum { ITN__GUIDE_WIDTH = 64, ITN__GUIDE_HEIGHT = 33, ITN__GUIDE_DRAWS = 4096 };
 #define ITN__GUIDE_BLUR .04f /* 1 - cos of the angle within which draws count */
@@ -5796,9 +5796,9 @@ static itn_result itn__make_guide(itn__maker *maker) {
     itn_scene *scene = maker->scene;
     itn__light *guide = &scene->guide;
     double power = 0;
-    int used = 0; /* in media within dielectrics, by the fast walk */
+    int used = 0; /* in media, by the fast walk */
     for (int i = 0; i < scene->object_count; i++)
-        used |= scene->objects[i].refracts && scene->objects[i].medium >= 0;
+        used |= scene->objects[i].medium >= 0;
     if (scene->last_sampled < 0 || !used || scene->spectral || scene->leaky) return ITN_OK;
     guide->kind = ITN__LIGHT_MAP;
     guide->width = ITN__GUIDE_WIDTH, guide->height = ITN__GUIDE_HEIGHT;
@@ -7522,7 +7522,8 @@ static void itn__find_hits(itn__crowd *crowd) {
    new directions are drawn now and then as if a direction of the light were refracted there. If the
    face is another one or rough, the path may still scatter elsewhere: the weight says what it is
    worth. Roulette does not count that weight (relief) until the next collision; else it would
-   raise again what has just been divided.
+   raise again what has just been divided. A medium that is lit straight is guided, too, where its
+   phase function is narrow: its shadow rays bring much only from paths that head for the light.
 
    A shadow ray of weight w and transmittance tr is cut by roulette before it is traced, at a level
    c (ITN__SHADOW_LEVEL): for uniform xi it counts as max(w tr, c) if w tr > xi c, and else as
@@ -8311,18 +8312,20 @@ static int itn__fast_know(itn__render *render) {
             render->constant[c] += scale * light->radiance[c];
         level += (double)scale * light->power;
     }
+    level /= 4 * (double)ITN__PI;
+    render->shadow_cut = (float)(ITN__SHADOW_LEVEL * level) * brightest;
+    double constant = (double)itn__luminance(render->constant), guided = (double)scene->guided;
+    guided = level > 0 ? guided * (level / (level + constant)) : 0; /* its part in all light */
     for (int i = 0; i < scene->object_count && scene->last_sampled >= 0; i++) {
         const itn__object *object = &scene->objects[i];
         itn__substance *at = &render->substances[1 + object->medium];
         at->lit |= !object->refracts || itn__is_lit(scene, theta, i);
         at->index = itn__ior(scene, theta, i);
-        at->guided = at->lit ? 0 : ITN__GUIDED * sqrtf(scene->guided);
+        at->guided = ITN__GUIDED * (float)sqrt(guided) * (at->lit ? powf(at->g, 4) : 1);
+        if (at->lit && (render->count || at->guided < 6 * ITN__LEAST_GUIDED))
+            at->guided = 0; /* it does not pay */
     }
-    level /= 4 * (double)ITN__PI;
-    render->shadow_cut = (float)(ITN__SHADOW_LEVEL * level) * brightest;
-    float constant = render->constant[0];
-    for (int c = 1; c < 3 && render->channels == 3; c++) constant += render->constant[c];
-    int knows = constant > ITN__KNOWN_LIGHT * render->channels * level;
+    int knows = constant > ITN__KNOWN_LIGHT * level;
     level += render->constant[0] + render->constant[1] + render->constant[2];
     render->lesson_unit = level > 0 ? ldexp(1, ilogb(level) - 12) : 1;
     render->roulette = render->count ? ITN__ROULETTE / 2 : ITN__ROULETTE;
