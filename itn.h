@@ -8321,7 +8321,7 @@ static int itn__fast_know(itn__render *render) {
         itn__substance *at = &render->substances[1 + object->medium];
         at->lit |= !object->refracts || itn__is_lit(scene, theta, i);
         at->index = itn__ior(scene, theta, i);
-        at->guided = ITN__GUIDED * (float)sqrt(guided) * (at->lit ? powf(at->g, 4) : 1);
+        at->guided = ITN__GUIDED * (float)(sqrt(guided) * (at->lit ? at->moment[4] : 1));
         if (at->lit && (render->count || at->guided < 6 * ITN__LEAST_GUIDED))
             at->guided = 0; /* it does not pay */
     }
