@@ -389,7 +389,9 @@ typedef struct itn_object_desc {
 
 /* Light from infinitely far: the same from everywhere, a picture of all directions, or a sky.
    Several add up. */
-typedef enum itn_light_type { ITN_LIGHT_CONSTANT = 0, ITN_LIGHT_MAP, ITN_LIGHT_SKY } itn_light_type;
+typedef enum itn_light_type {
+    ITN_LIGHT_CONSTANT = 0, ITN_LIGHT_MAP, ITN_LIGHT_SKY, ITN_LIGHT_SH
+} itn_light_type;
 
 /* A Hosek-Wilkie sky for one sun elevation, turbidity and ground albedo (2012, equation 8, see
    [light]), for R, G and B; a film of one channel has their luminance. */
@@ -408,6 +410,10 @@ typedef struct itn_light_desc {
                                 pixels are at u = (column + .5) / width, v = row / (height - 1);
                                 Y or R,G,B or a single plane (with one channel their luminance) in
                                 [0,1e18], at least 2 rows and at most 715 million pixels; copied */
+    float harmonics[3][25];  /* sh: by channels, coefficients of real orthonormal harmonics Y_lm, at
+                                l^2 + l + m; z of their formulas is y here, x is z, y is x: Y_1-1 is
+                                .4886 x. Negative radiance counts as it is */
+    int harmonic_count;      /* (order + 1)^2: 1, 4, 9, 16 or 25 */
     itn_sky sky;
     itn_vec3 sun_direction;  /* sky: towards the sun, above the horizon */
     float scale, sun_scale;  /* multiply the light and the sun of a sky, in [0,1e12] */
@@ -470,6 +476,7 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
        object  plane  surface NAME  [y Y] [half H]                                (y 0; half 20)
        light   constant  radiance COLOUR  [scale S] [name NAME]
        light   map FILE  [scale S] [rotate DEGREES] [repair] [name NAME]
+       light   sh C00 C1-1 C10 C11 C2-2 ... | sh FILE  [scale S] [name NAME]
        light   sky FILE  sun X Y Z  [scale S] [sun_scale S] [sun_radius_scale S] [name NAME]
 
    PHASE is `[phase hg] [g COLOUR]` (g 0), `phase vmf kappa K`, or `phase mix` and up to four lobes
@@ -479,8 +486,10 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
    the same by mu_a and mu_s), g or exposure are three parameters, unless all are 0. TRANSFORM is
    `scale S`, `scale X Y Z` (positive, at most 1e12), `rotate AXIS_X AXIS_Y AXIS_Z DEGREES` or
    `translate X Y Z`; any number of them are applied to the mesh from left to right. Meshes are OBJ
-   or PLY, images as itn_image_load reads them. A sky file has likewise the fields of itn_sky:
-   coefficients_r (and _g, _b) A B C D E F G I H, radiance R G B and sun_radiance R G B. */
+   or PLY, images as itn_image_load reads them. sh has (order + 1)^2 numbers, order being at most 4,
+   or three such runs, r, g and b; so has its file, on any lines. A sky file has likewise the fields
+   of itn_sky: coefficients_r (and _g, _b) A B C D E F G I H, radiance R G B and sun_radiance R G B.
+   */
 
 /* Makes a scene of the bytes of a scene file. The files that it names are looked for among `files`
    (NULL and 0 for none); others are opened as if the scene were the file `name` (NULL = "scene"),
@@ -527,7 +536,8 @@ ITN_API int itn_scene_tissue(const itn_scene *scene, const float *theta, const c
                   (without alpha_y and nv, alpha_x and nu count for both)
                   blend: weight1, weight2, ... whose sum is then not checked
                   with bump: bump_scale
-       lights     scale and, of a sky, sun_scale
+       lights     scale and, of a sky, sun_scale, of sh c00, c1-1, c10, ... up to 1000 times the
+                  largest of them (or 1), of either sign
        film       exposure and, if it has one, background
    for example milk.sigma_t, glass.alpha, light.scale. With three channels albedo, reflectances,
    eta, k, specular and background are three each (milk.albedo_r, milk.albedo_g, milk.albedo_b),
@@ -535,8 +545,8 @@ ITN_API int itn_scene_tissue(const itn_scene *scene, const float *theta, const c
    the background at once: of a photo in units of its own seek it, but then not the scale of the
    only light.
    Optimisers step in a coordinate: ln((x-lower)/(upper-x)) of albedo, g, ior, reflectances,
-   specular and weights, ln x of all others. */
-typedef enum itn_transform { ITN_LOG = 0, ITN_LOGIT } itn_transform;
+   specular and weights, x in thousandths of its bound of sh, ln x of all others. */
+typedef enum itn_transform { ITN_LOG = 0, ITN_LOGIT, ITN_LINEAR } itn_transform;
 
 typedef struct itn_parameter {
     char name[ITN_NAME_SIZE];
@@ -563,9 +573,9 @@ ITN_API double itn_parameter_slope(const itn_parameter *parameter, double value)
 
 /* AUTO is FAST, except for what only the reference can do: media whose sigma_t or g differ between
    channels, a limit of scatterings, media in meshes with holes (force), derivatives by the values
-   of an image, in an index of refraction, in a bump_scale, in an albedo, a reflectance or a weight
-   below .01, in a light's scale of 0, or in a sigma_t whose mean free path is more than four radii
-   of what is in the scene. */
+   of an image, in an index of refraction, in a bump_scale, in coefficients of sh, in an albedo, a
+   reflectance or a weight of a blend below .01, in a light's scale of 0, or in a sigma_t whose mean
+   free path is more than four radii of what is in the scene. */
 typedef enum itn_mode { ITN_MODE_AUTO = 0, ITN_MODE_REFERENCE, ITN_MODE_FAST } itn_mode;
 /* How samples are spread: by an Owen-scrambled Sobol sequence over the pixel, the first boundary
    and the first flight, or each on its own. This, itn_estimator and walks are of the fast walk
@@ -2242,12 +2252,13 @@ ITN_API int itn_bvh_occluded(const itn_bvh *bvh, const itn_ray *ray) {
    `form` tells how many numbers follow a field's name in a file, by digits, and how the desc keeps
    them: f as floats, i as an int, c as a colour (one number counts for all channels), s as a
    spectrum (one number, or three in an array beside it); k a checker, t a step of a transform, x a
-   lobe or its weight. With ? an int beside it tells whether a 0 is meant, else (?, or 0 out of
-   range) `otherwise` counts. Or what word follows: w a name, o one of `words`, m p y a file with a
-   mesh, a picture, a sky; or any number of names, n, or of numbers, l, where the desc has a
-   pointer; or after one of `words` a file as it is, b. A field without any of these is a flag, an
-   int. What has ! must be given. What a parameter is: S a share of what arrives that leaves again,
-   R a rate of collisions, N an index of refraction, L the scale of a light, H that of heights. */
+   lobe or its weight, h harmonics (or their file). With ? an int beside it tells whether a 0 is
+   meant, else (?, or 0 out of range) `otherwise` counts. Or what word follows: w a name, o one of
+   `words`, m p y a file with a mesh, a picture, a sky; or any number of names, n, or of numbers, l,
+   where the desc has a pointer; or after one of `words` a file as it is, b. A field without any of
+   these is a flag, an int. What has ! must be given. What a parameter is: S a share of what arrives
+   that leaves again, R a rate of collisions, N an index of refraction, L the scale of a light, H
+   that of heights or of a harmonic. */
 typedef struct itn__field {
     const char *name, *form;
     float lower, upper; /* range of its numbers */
@@ -2270,7 +2281,7 @@ static const char *const itn__kinds[] = {"film", "camera", "medium", "object", "
 static const char *const itn__types[ITN__KINDS] = {
     NULL, NULL, "hg vmf mix", "mesh plane",
     "dielectric diffuse mirror conductor rough_diffuse ward ashikhmin blend measured",
-    "constant map sky"};
+    "constant map sky sh"};
 
 /* Rows; `...` is lower, upper, otherwise. */
 #define ITN__FIELD(name, item, field, form, ...)                                                   \
@@ -3223,7 +3234,7 @@ static itn__ints itn__bsdf_sample(itn__site *site, const itn__floats u[3], itn__
    times a radiance; the published data hold A B C D E F G I H in this order. */
 
 typedef enum itn__light_kind { /* rows of itn__light_models */
-    ITN__LIGHT_CONSTANT, ITN__LIGHT_MAP, ITN__LIGHT_SKY, ITN__LIGHT_SUN
+    ITN__LIGHT_CONSTANT, ITN__LIGHT_MAP, ITN__LIGHT_SKY, ITN__LIGHT_SH, ITN__LIGHT_SUN
 } itn__light_kind;
 
 /* A density on the unit square that is bilinear between nodes; columns wrap around. */
@@ -3250,7 +3261,9 @@ typedef struct itn__light {
     int width, height;
     float turn;       /* of a map: u on it is u of the direction plus this, in [0,1) */
     float *map;       /* [height][width][3] */
-    itn__grid grid;   /* of map and sky */
+    int order, first; /* of harmonics; parameter of their first coefficient */
+    float *harmonics; /* [(order + 1)^2][3] these as made, three channels or three times the same */
+    itn__grid grid;   /* of map, sky and harmonics */
 } itn__light;
 
 #define ITN__MAX_RADIANCE 1e18f /* so that sums and products of a few stay finite */
@@ -3380,15 +3393,17 @@ static itn__floats itn__grid_pdf(const itn__light *light, const itn__towards *to
     return itn__select(inside, density / (2 * ITN__PI * ITN__PI * to->sine), itn__splat(0));
 }
 
-static void itn__map_radiance(const itn__light *light, int channels, const itn__towards *to,
-                              itn__floats rgb[3]) {
+static void itn__map_radiance(const itn__light *light, const float *theta, int channels,
+                              const itn__towards *to, itn__floats rgb[3]) {
+    (void)theta;
     itn__corners corners = itn__grid_corners(light, light->width, light->height, 1, to);
     for (int k = 0; k < channels; k++) rgb[k] = itn__between(light->map + k, 3, &corners);
 }
 
 /* The sky is above the horizon; its rare negative values are taken as 0. */
-static void itn__sky_radiance(const itn__light *light, int channels, const itn__towards *to,
-                              itn__floats rgb[3]) {
+static void itn__sky_radiance(const itn__light *light, const float *theta, int channels,
+                              const itn__towards *to, itn__floats rgb[3]) {
+    (void)theta;
     itn__floats x = itn__vone_minus_cosine(to->d, itn__splat_vector(light->to_sun));
     itn__floats zero = itn__splat(0);
     itn__floats gamma = 2 * itn__vatan2(itn__root(x), itn__root(2 - x)), cos_gamma = 1 - x;
@@ -3407,6 +3422,38 @@ static void itn__sky_radiance(const itn__light *light, int channels, const itn__
     if (channels == 1) rgb[0] = itn__luminances(rgb);
 }
 
+/* Spherical harmonics Y_lm of directions, at l^2 + l + m: the real or imaginary part of the m-th
+   power of z + i x, times a polynomial in y by the recurrence of normalised Legendre functions. */
+enum { ITN__HARMONICS = 25 };
+#define itn__harmonic_count(light) (((light)->order + 1) * ((light)->order + 1))
+static void itn__harmonics(int order, const itn__vectors *d, itn__floats *y) {
+    itn__floats cosine = itn__splat(1), sine = itn__splat(0);
+    float first = .282094792f; /* 1 / sqrt(4 pi) */
+    for (int m = 0; m <= order; m++) {
+        itn__floats own = itn__splat(first), below = itn__splat(0);
+        for (int l = m; l <= order; l++) {
+            float l2 = (float)(l * l), m2 = (float)(m * m), n2 = (float)((l + 1) * (l + 1));
+            itn__floats next = d->y * own - sqrtf((l2 - m2) / (l ? 4 * l2 - 1 : 1)) * below;
+            y[l * l + l - m] = own * sine, y[l * l + l + m] = own * cosine;
+            below = own, own = sqrtf((4 * n2 - 1) / (n2 - m2)) * next;
+        }
+        itn__floats turned = cosine * d->z - sine * d->x;
+        sine = sine * d->z + cosine * d->x, cosine = turned;
+        first *= sqrtf((float)(2 * m + 3) / (float)(2 * m + 2)) * (m ? 1 : 1.41421356f);
+    }
+}
+static void itn__harmonic_radiance(const itn__light *light, const float *theta, int channels,
+                                   const itn__towards *to, itn__floats rgb[3]) {
+    const float *a = theta ? theta + light->first : light->harmonics;
+    itn__floats y[ITN__HARMONICS];
+    itn__harmonics(light->order, &to->d, y);
+    for (int c = 0; c < channels; c++) {
+        rgb[c] = itn__splat(0);
+        for (int k = 0; k < itn__harmonic_count(light); k++)
+            rgb[c] += a[k * (theta ? channels : 3) + c] * y[k];
+    }
+}
+
 /* Where directions are in the disc of a sun. A little around it counts, for rounded directions; who
    draws from the disc would miss them otherwise, who meets it by chance hardly notices. */
 static itn__ints itn__in_sun(const itn__light *light, const itn__towards *to) {
@@ -3415,8 +3462,9 @@ static itn__ints itn__in_sun(const itn__light *light, const itn__towards *to) {
     return itn__less_equal(itn__vone_minus_cosine(to->d, axis), itn__splat(rim));
 }
 /* A constant light, or a sun. */
-static void itn__constant_radiance(const itn__light *light, int channels, const itn__towards *to,
-                                   itn__floats rgb[3]) {
+static void itn__constant_radiance(const itn__light *light, const float *theta, int channels,
+                                   const itn__towards *to, itn__floats rgb[3]) {
+    (void)theta;
     itn__ints in = light->sun_cone > 0 ? itn__in_sun(light, to) : itn__splat_int(-1);
     for (int k = 0; k < channels; k++)
         rgb[k] = itn__select(in, itn__splat(light->radiance[k]), itn__splat(0));
@@ -3435,14 +3483,14 @@ static itn__floats itn__sun_pdf(const itn__light *light, const itn__towards *to)
 }
 
 /* The lights there are. A new one is a kind and a row: its fields, see [fields]; its radiance
-   without its scale, in the film's channels; how directions to it are drawn by two uniforms, and
-   their density over solid angle, or NULL if it is never sampled (strength 0). Map coordinates are
-   known to radiance and pdf where some light of the scene has a grid. The sun of a sky is a light
-   of its own, the one after it. */
+   without its scale, in the film's channels, at theta (NULL: as made); how directions to it are
+   drawn by two uniforms, and their density over solid angle, or NULL if it is never sampled
+   (strength 0). Map coordinates are known to radiance and pdf where some light of the scene has a
+   grid. The sun of a sky is a light of its own, the one after it. */
 typedef struct itn__light_model {
     itn__field fields[ITN__MOST_FIELDS + 1]; /* the last has no name */
-    void (*radiance)(const itn__light *light, int channels, const itn__towards *to,
-                     itn__floats rgb[3]);
+    void (*radiance)(const itn__light *light, const float *theta, int channels,
+                     const itn__towards *to, itn__floats rgb[3]);
     itn__vectors (*sample)(const itn__light *light, itn__floats u, itn__floats v);
     itn__floats (*pdf)(const itn__light *light, const itn__towards *to);
 } itn__light_model;
@@ -3465,16 +3513,20 @@ static const itn__light_model itn__light_models[] = {
       ITN__FIELD("sun_radius_scale", light, sun_radius_scale, "1f", .01f, 320, 1),
       ITN__WORD("name", light, name, "w")},
      itn__sky_radiance, itn__grid_sample, itn__grid_pdf},
+    {{ITN__MARK("sh", "h!", NULL), ITN__LIGHT_SCALE(scale, 0),
+      ITN__WORD("name", light, name, "w")},
+     itn__harmonic_radiance, itn__grid_sample, itn__grid_pdf},
     {{ITN__MARK(NULL, NULL, NULL)},
      itn__constant_radiance, itn__sun_sample, itn__sun_pdf}};
 
 /* Radiance of a light, without its scale, in one direction. */
-static void itn__light_radiance(const itn__light *light, int channels, itn_vec3 d, float rgb[3]) {
+static void itn__light_radiance(const itn__light *light, const float *theta, int channels,
+                                itn_vec3 d, float rgb[3]) {
     itn__towards to;
     itn__floats all[3];
     to.d = itn__splat_vector(d), to.u = to.v = to.sine = itn__splat(0);
     if (light->map) itn__map_coordinates(&to);
-    itn__light_models[light->kind].radiance(light, channels, &to, all);
+    itn__light_models[light->kind].radiance(light, theta, channels, &to, all);
     for (int k = 0; k < channels; k++) rgb[k] = ITN__LANE(all[k], 0);
 }
 
@@ -4299,16 +4351,24 @@ static void itn__contribute(itn__walk *walk, const itn__weight *weight, const it
         float mis = light->share > 0 ? sampled : others;
         int of_map = walk->texels && walk->texels->map == light;
         itn__touch touch = ITN_ZERO;
-        itn__floats rgb[3];
+        itn__floats rgb[3], basis[ITN__HARMONICS];
+        int known = 0;
         if (mis == 0) continue;
-        itn__light_models[light->kind].radiance(light, itn__channels(walk), to, rgb);
+        itn__light_models[light->kind].radiance(light, walk->theta, itn__channels(walk), to, rgb);
         if (of_map)
             touch = itn__touch_of(itn__grid_corners(light, light->width, light->height, 1, to));
         for (int c = 0; c < itn__channels(walk); c++) {
             float carried = weight->beta[c] * mis * walk->theta[walk->scene->camera.exposure[c]];
             itn__add_light(walk, weight, c, carried * ITN__LANE(rgb[c], 0), light->parameter);
-            if (of_map && !weight->zero[c])
-                itn__add_texels(walk->texels, c, &touch, carried * walk->theta[light->parameter]);
+            if (weight->zero[c]) continue;
+            carried *= walk->theta[light->parameter];
+            if (of_map) itn__add_texels(walk->texels, c, &touch, carried);
+            for (int k = 0; light->harmonics && k < itn__harmonic_count(light); k++) {
+                int slot = itn__slot(walk, light->first + k * walk->channels + c);
+                if (slot < 0) continue;
+                if (!known) itn__harmonics(light->order, &to->d, basis), known = 1;
+                walk->derivative[slot * walk->channels + c] += carried * ITN__LANE(basis[k], 0);
+            }
         }
     }
 }
@@ -5315,8 +5375,8 @@ static void *itn__keep(itn__maker *maker, size_t count, size_t size) {
 /* Adds parameter title.field (title.field_r for channel 0 of 3..., title.field1 for channel 3...);
    returns its index. In names
    of layers, which must differ, too, the dot becomes a _; a hash is as good as such a name. */
-static int itn__add_parameter(itn__maker *maker, const itn__field *field, int channel,
-                              float value) {
+static int itn__add_parameter(itn__maker *maker, const itn__field *field, const char *name,
+                              int channel, float value) {
     static const char *const suffix[4] = {"", "_r", "_g", "_b"};
     char number[16] = "";
     itn_scene *scene = maker->scene;
@@ -5324,7 +5384,7 @@ static int itn__add_parameter(itn__maker *maker, const itn__field *field, int ch
     itn_parameter *p = &scene->parameters[index];
     itn__source *source = &scene->sources[index];
     if (channel > 2) itn__print(number, sizeof number, "%d", channel - 2), channel = -1;
-    itn__print(p->name, sizeof p->name, "%s.%s%s%s", maker->title, field->name,
+    itn__print(p->name, sizeof p->name, "%s.%s%s%s", maker->title, name,
                suffix[channel + 1], number);
     p->value = value, p->lower = field->lower, p->upper = field->upper;
     p->transform = field->transform, source->field = field, source->channel = channel;
@@ -5352,7 +5412,8 @@ static ITN__COLD itn_result itn__take_fields(itn__maker *maker, const itn__field
         for (int c = 0; c < count && !maker->result; c++) {
             if (!itn__field_allows(field, n[c], words))
                 return ITN__REFUSE("%s %s", field->name, words);
-            if (enters) index[c] = itn__add_parameter(maker, field, count == 3 ? c : -1, n[c]);
+            if (enters)
+                index[c] = itn__add_parameter(maker, field, field->name, count == 3 ? c : -1, n[c]);
         }
         if (count == 1) index[1] = index[2] = index[0];
         if (enters)
@@ -5440,7 +5501,7 @@ static itn_result itn__make_lobes(itn__maker *maker, const itn_medium_desc *in,
         if (!itn__field_allows(field, number, words))
             return ITN__REFUSE("lobe %d: %s %s", k / 2 + 1, field->name, words);
         medium->lobes[k / 2] = (int)lobe->phase, sum += k % 2 ? number : 0;
-        if (k < medium->shapes) itn__add_parameter(maker, field, 3 + k / 2, number);
+        if (k < medium->shapes) itn__add_parameter(maker, field, field->name, 3 + k / 2, number);
     }
     if (!maker->result && !(fabs(sum - 1) <= 1e-4))
         return ITN__REFUSE("the weights of its lobes add up to %g, not to 1", sum);
@@ -5554,7 +5615,8 @@ static itn_result itn__take_weights(itn__maker *maker, const itn_surface_desc *i
     for (int k = 0; k < count && !maker->result; k++) {
         if (!itn__field_allows(&weight, in->weights[k], words))
             return ITN__REFUSE("weight%d %s", k + 1, words);
-        sum += in->weights[k], itn__add_parameter(maker, &weight, 3 + k, in->weights[k]);
+        sum += in->weights[k];
+        itn__add_parameter(maker, &weight, weight.name, 3 + k, in->weights[k]);
     }
     if (sum > 1.00001f) ITN__REFUSE("the weights' sum, %g, is above 1", (double)sum);
     return maker->result;
@@ -5662,7 +5724,9 @@ static itn_result itn__make_grid(itn__maker *maker, itn__light *light, float bot
         itn_vec3 d = itn__node_direction(light, bottom, i);
         float sine = itn__max(sqrtf(d.x * d.x + d.z * d.z), cap);
         if (light->map) memcpy(rgb, light->map + 3 * i, sizeof rgb);
-        else d.y = itn__max(d.y, 0), itn__light_radiance(light, 3, d, rgb);
+        else if (light->kind == ITN__LIGHT_SKY) d.y = itn__max(d.y, 0);
+        if (!light->map) itn__light_radiance(light, NULL, 3, d, rgb);
+        for (int c = 0; c < 3; c++) rgb[c] = fabsf(rgb[c]);
         double luminance = itn__luminance(rgb);
         if (!(luminance <= ITN__MAX_RADIANCE)) /* as of a sky with odd coefficients */
             return ITN__REFUSE("radiance beyond %g", (double)ITN__MAX_RADIANCE);
@@ -5672,7 +5736,7 @@ static itn_result itn__make_grid(itn__maker *maker, itn__light *light, float bot
     }
     light->breadth = sum > 0 ? sum * sum / (square * area) * bottom : 0;
     light->power = (float)(sum * size);
-    float least = light->kind == ITN__LIGHT_SKY ? (float)(1e-3 * sum / (double)nodes) : 0;
+    float least = light->map ? 0 : (float)(1e-3 * sum / (double)nodes);
     for (size_t i = 0; i < nodes; i++) {
         grid->density[i] = itn__max(grid->density[i], least);
         row = (i % width ? row : 0) + grid->density[i], grid->nodes[i] = (float)row;
@@ -5724,6 +5788,35 @@ static void itn__split_map(itn__maker *maker, itn__light *map) {
     maker->scene->light_count += itn__luminance(constant->radiance) > 0;
 }
 
+/* The coefficients of spherical harmonics, which are parameters all. */
+static itn_result itn__make_harmonics(itn__maker *maker, const itn_light_desc *in,
+                                      itn__light *light) {
+    static const itn__field field = {"sh", "hH", 0, 0, 0, 0, 0, ITN_LINEAR, 0, NULL};
+    itn_scene *scene = maker->scene;
+    float largest = 0;
+    int l = 0, count = in->harmonic_count, channels = scene->film.channels;
+    while (light->order < 5 && (light->order + 1) * (light->order + 1) != count) light->order++;
+    if (light->order > 4)
+        return ITN__REFUSE("sh has 1, 4, 9, 16 or 25 coefficients, or three times as many");
+    light->first = scene->parameter_count, light->harmonics = ITN__KEEP(float, 3 * count);
+    for (int k = 0; k < 3 * count && !maker->result; k++) {
+        float value = light->harmonics[k] = in->harmonics[k % 3 % channels][k / 3];
+        char name[16];
+        while ((l + 1) * (l + 1) <= k / 3) l++;
+        itn__print(name, sizeof name, "c%d%d", l, k / 3 - l * l - l);
+        if (!(fabsf(value) <= ITN__MAX_RADIANCE)) return ITN__REFUSE("%s is not finite", name);
+        largest = itn__max(largest, fabsf(value));
+        if (k % 3 < channels)
+            itn__add_parameter(maker, &field, name, channels == 3 ? k % 3 : -1, value);
+    }
+    for (int k = light->first; k < scene->parameter_count; k++) {
+        scene->parameters[k].upper = 1000 * (largest > 0 ? largest : 1);
+        scene->parameters[k].lower = -scene->parameters[k].upper;
+    }
+    light->width = 64, light->height = 33; /* of its grid */
+    return maker->result ? maker->result : itn__make_grid(maker, light, 1);
+}
+
 static itn_result itn__make_light(itn__maker *maker, int index) {
     itn_light_desc in = maker->desc->lights[index];
     itn_scene *scene = maker->scene;
@@ -5742,6 +5835,7 @@ static itn_result itn__make_light(itn__maker *maker, int index) {
            sizeof light->radiance);
     itn__to_film(scene, light->radiance);
     if (in.type == ITN_LIGHT_SKY) return itn__make_sky(maker, &in, light);
+    if (in.type == ITN_LIGHT_SH) return itn__make_harmonics(maker, &in, light);
     if (in.type == ITN_LIGHT_MAP &&
         !itn__copy_texels(maker, in.image, ITN__MAX_RADIANCE, in.repair, 0, &light->width,
                           &light->height, &light->map)) {
@@ -5815,7 +5909,7 @@ static itn_result itn__make_guide(itn__maker *maker) {
             const itn__light *from = &scene->lights[i];
             itn__floats rgb[3];
             if (!(from->share > 0)) continue;
-            itn__light_models[from->kind].radiance(from, 3, &to, rgb);
+            itn__light_models[from->kind].radiance(from, NULL, 3, &to, rgb);
             sum += scene->parameters[from->parameter].value * itn__luminances(rgb);
         }
         itn__store(light + k, itn__select(itn__less(itn__splat(0), pdf), sum / pdf, pdf));
@@ -5871,6 +5965,7 @@ ITN__INLINE double itn__least_sought(const itn_parameter *p) {
 
 ITN_API double itn_parameter_slope(const itn_parameter *p, double value) {
     double lower = p->lower, range = (double)p->upper - lower;
+    if (p->transform == ITN_LINEAR) return p->upper * .001;
     if (p->transform == ITN_LOG) /* the value itself, or the least that has a logarithm */
         return fmax(value, lower > 0 ? lower : p->upper * exp(-80.0));
     double share = fmin(fmax((value - lower) / range, 1e-7), 1 - 1e-7); /* about that of +-16 */
@@ -5879,6 +5974,7 @@ ITN_API double itn_parameter_slope(const itn_parameter *p, double value) {
 
 ITN_API double itn_parameter_to_coordinate(const itn_parameter *p, double value) {
     if (p->transform == ITN_LOG) return log(itn_parameter_slope(p, value));
+    if (p->transform == ITN_LINEAR) return value / itn_parameter_slope(p, value);
     value = fmin(fmax(value, p->lower), p->upper);
     return fmin(fmax(log((value - p->lower) / (p->upper - value)), -16), 16);
 }
@@ -5887,6 +5983,7 @@ ITN_API double itn_parameter_from_coordinate(const itn_parameter *p, double coor
     double lower = p->lower, range = p->upper - lower;
     double value = p->transform == ITN_LOG ? exp(coordinate)
                                            : lower + range / (1 + exp(-coordinate));
+    if (p->transform == ITN_LINEAR) value = coordinate * itn_parameter_slope(p, 0);
     return value < lower ? lower : value > p->upper ? p->upper : value;
 }
 
@@ -6184,9 +6281,10 @@ static itn_result itn__make_items(itn__maker *maker) {
     size_t lights = itn__count(maker, "lights", in->lights, in->light_count, 1, 64);
     size_t media = itn__count(maker, "media", in->media, in->medium_count, 0, 4096);
     size_t surfaces = itn__count(maker, "surfaces", in->surfaces, in->surface_count, 0, 4096);
-    size_t values = 6 + ITN__SEEDS * (objects + lights + media + surfaces), parts = 0;
+    size_t values = 6 + ITN__SEEDS * (objects + media + surfaces), parts = 0;
     for (size_t i = 0; i < surfaces && !maker->result; i++) /* the weights of blends */
         parts += (size_t)itn__clamp((float)in->surfaces[i].part_count, 0, ITN__MOST_PARTS);
+    values += 3 * (1 + ITN__HARMONICS) * lights;
     if (maker->result) return maker->result;
     scene->media = ITN__KEEP(itn__medium, media);
     scene->surfaces = ITN__KEEP(itn__surface, surfaces + parts);
@@ -6985,11 +7083,11 @@ static void itn__bring_home(itn__crowd *crowd, const itn__path *path, float samp
         float counts = light->share > 0 ? sampled : plain;
         int slot = render->slots[light->parameter], parts = i >= scene->light_count;
         if (parts && slot < 0) continue;
-        itn__light_radiance(light, render->channels, path->d, rgb);
+        itn__light_radiance(light, render->theta, render->channels, path->d, rgb);
         for (int c = 0; c < render->channels; c++)
             if (!parts)
                 all[c] += counts * rgb[c] * render->theta[light->parameter];
-            else if (all[c] > 0) /* the share first, or it overflows */
+            else if (all[c] != 0) /* the share first, or it overflows */
                 itn__bring(crowd, path, slot, c, value[c] * (counts * rgb[c] / all[c]));
     }
 }
@@ -7550,7 +7648,7 @@ static int itn__pass_shadow(itn__crowd *crowd, itn__path *ray) {
     if (!arrives && ray->event.object >= 0) return 0;
     for (int c = 0; c < render->channels; c++) {
         if (substance) ray->beta[c] *= expf(-depth);
-        largest = itn__max(largest, ray->beta[c]);
+        largest = itn__max(largest, fabsf(ray->beta[c])); /* radiance may be negative */
     }
     if (arrives) {
         float raise = itn__max(render->shadow_cut / largest, 1), value[3] = {0, 0, 0};
@@ -7584,7 +7682,7 @@ static void itn__sum_radiance(const itn_scene *scene, const float *theta, const 
     for (int i = 0; i < scene->light_count; i++) {
         const itn__light *light = &scene->lights[i];
         itn__floats rgb[3], *sum = light->share > 0 ? sampled : plain;
-        itn__light_models[light->kind].radiance(light, channels, to, rgb);
+        itn__light_models[light->kind].radiance(light, theta, channels, to, rgb);
         for (int k = 0; k < channels; k++) sum[k] += theta[light->parameter] * rgb[k];
     }
 }
@@ -7625,7 +7723,7 @@ static unsigned itn__cut_shadows(const itn__crowd *crowd, const itn__state *s, i
     itn__floats largest = itn__splat(0);
     for (int c = 0; c < crowd->render->channels; c++) {
         draw->radiance[c] = s->beta[c] * f[c] * draw->radiance[c] / (draw->pdf + pdf);
-        largest = itn__most(largest, draw->radiance[c]);
+        largest = itn__most(largest, itn__absolute(draw->radiance[c]));
     }
     mask &= draw->drawn;
     draw->level = crowd->render->shadow_cut *
@@ -12478,14 +12576,35 @@ static void itn__read_path(itn__reader *r, const itn__field *field) {
         ITN__WRONG("%s: the path's quote does not end in this line", field->name);
 }
 
+/* Takes harmonics: the numbers that follow in a line or, of a file, all. */
+static void itn__take_harmonics(itn__reader *r, itn__text *text, int file) {
+    itn_light_desc *light = (itn_light_desc *)(void *)r->item;
+    float n[3 * ITN__HARMONICS + 2]; /* more are too many */
+    int count = 0;
+    do {
+        while (!itn__line_done(text) && (file || strchr("+-.0123456789", *text->at))) {
+            n[count] = (float)itn__take_decimal(text, "sh");
+            count += count <= 3 * ITN__HARMONICS;
+        }
+        if (file) itn__next_line(text);
+    } while (file && text->at < text->end);
+    int three = count % 3 == 0 && count != 9, each = three ? count / 3 : count;
+    light->harmonic_count = each;
+    if (three && !r->colour_line) r->colour_line = r->text.line;
+    for (int k = 0; k < 3 * each && each <= ITN__HARMONICS; k++)
+        light->harmonics[k / each][k % each] = n[three ? k : k % each];
+}
+
 /* Reads what follows a field's name; returns how many numbers. */
 static int itn__read_field(itn__reader *r, const itn__field *field) {
     if (strpbrk(field->form, "nl")) return itn__read_list(r, field);
     if (strpbrk(field->form, "0123456789")) return itn__read_values(r, field);
     if (itn__has_form(field, 'b')) itn__choose(r, &r->text, field->name, field->words);
-    if (strpbrk(field->form, "wmpyb") && itn__line_done(&r->text)) {
+    if (strpbrk(field->form, "wmpybh") && itn__line_done(&r->text)) {
         ITN__WRONG("%s: the line ends too early", field->name);
-    } else if (strpbrk(field->form, "mpyb")) {
+    } else if (itn__has_form(field, 'h') && strchr("+-.0123456789", *r->text.at)) {
+        itn__take_harmonics(r, &r->text, 0);
+    } else if (strpbrk(field->form, "mpybh")) {
         itn__read_path(r, field);
         if (!r->text.result) itn__load_file(r);
     } else if (itn__has_form(field, 'w')) {
@@ -12614,6 +12733,9 @@ static void itn__load_file(itn__reader *r) {
     } else if (!result && itn__has_form(r->file, 'b')) {
         memcpy(at, &file, sizeof file), r->tables[r->table_count++] = bytes;
         return;
+    } else if (!result && itn__has_form(r->file, 'h')) {
+        itn__text text = itn__text_make(file.bytes, file.size, file.name);
+        text.error = &error, itn__take_harmonics(r, &text, 1), result = text.result;
     } else if (!result) {
         result = itn__sky_from_memory(context, &file, (itn_sky *)(void *)at, &error);
     }

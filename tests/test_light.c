@@ -139,7 +139,7 @@ static void check_map(int width, int height, int kind, double largest_spread, do
                     }
                     to.d = itn__map_directions(x, itn__splat((float)v));
                     itn__map_coordinates(&to);
-                    model->radiance(light, 3, &to, rgb), pdf = model->pdf(light, &to);
+                    model->radiance(light, NULL, 3, &to, rgb), pdf = model->pdf(light, &to);
                     for (l = 0; l < ITN__LANES; l++) {
                         worst = fmax(worst, fabs((double)(ITN__LANE(rgb[0], l) + constant) -
                                                  map_value(&map, u[l], v)));
@@ -159,7 +159,7 @@ static void check_map(int width, int height, int kind, double largest_spread, do
             ITN__LANE(x, l) = itn__uniform(&rng), ITN__LANE(y, l) = itn__uniform(&rng);
         to.d = model->sample(light, x, y);
         itn__map_coordinates(&to);
-        model->radiance(light, 3, &to, rgb), pdf = model->pdf(light, &to);
+        model->radiance(light, NULL, 3, &to, rgb), pdf = model->pdf(light, &to);
         for (l = 0; l < ITN__LANES; l++) {
             double density = ITN__LANE(pdf, l), ratio = (double)ITN__LANE(rgb[0], l) / density;
             if (!(density > 0) || !itn__finite(density) ||
@@ -203,7 +203,7 @@ static void check_turned_map(float degrees, double planted) {
         itn_vec3 d = one_light_sample(a, u, v), turned = one_light_sample(b, u, v);
         itn_vec3 e = solids_vec3(c * d.x + s * d.z, d.y, c * d.z - s * d.x);
         CHECK_NEAR(itn__length(itn__sub(turned, e)), 0, 2e-6);
-        itn__light_radiance(a, 1, d, there), itn__light_radiance(b, 1, e, here);
+        itn__light_radiance(a, NULL, 1, d, there), itn__light_radiance(b, NULL, 1, e, here);
         CHECK_NEAR(here[0], there[0], 1e-4);
         CHECK_NEAR(one_light_pdf(b, e), one_light_pdf(a, d), 1e-4 * one_light_pdf(a, d) + 1e-5);
     }
@@ -253,7 +253,8 @@ static void check_sky_at(const itn__light *light, double theta, double azimuth,
                          const double rgb[3]) {
     float got[3];
     int k;
-    itn__light_radiance(light, 3, itn__vec3((float)(sin(theta) * cos(azimuth)), (float)cos(theta),
+    itn__light_radiance(light, NULL, 3,
+                        itn__vec3((float)(sin(theta) * cos(azimuth)), (float)cos(theta),
                                          (float)(sin(theta) * sin(azimuth))), got);
     for (k = 0; k < 3; k++) CHECK_NEAR(got[k], rgb[k], 2e-5 * rgb[k]);
 }
@@ -273,13 +274,13 @@ static void test_light_sky(void) {
     check_sky_at(light, pi / 6, 0, sunward);
     check_sky_at(light, pi / 3, pi, opposite);
     CHECK_CATCHES(check_sky_at(light, pi / 6, .02, sunward));
-    itn__light_radiance(light, 3, itn__vec3(.6f, -.8f, 0), rgb); /* nothing below the horizon */
+    itn__light_radiance(light, NULL, 3, itn__vec3(.6f, -.8f, 0), rgb); /* nothing below the horizon */
     CHECK(rgb[0] == 0 && rgb[1] == 0 && rgb[2] == 0);
     itn_scene_free(scene);
     dark.coefficients[0][2] = -50; /* negative: taken as 0 */
     desc.sky = dark;
     scene = plane_scene(&desc, 3, 4);
-    itn__light_radiance(&scene->lights[0], 3, itn__vec3(0, 1, 0), rgb);
+    itn__light_radiance(&scene->lights[0], NULL, 3, itn__vec3(0, 1, 0), rgb);
     CHECK(rgb[0] == 0 && rgb[1] > 0);
     itn_scene_free(scene);
 }
@@ -300,7 +301,7 @@ static void check_sun(double radius_scale, double power_factor) {
     for (k = 0; k < 10000; k++) {
         float rgb[3], u = (float)((k + .5) / 10000), v = (float)fmod(k * .61803398875, 1);
         itn_vec3 d = one_light_sample(sun, u, v);
-        itn__light_radiance(sun, 3, d, rgb);
+        itn__light_radiance(sun, NULL, 3, d, rgb);
         inside += rgb[0] > 0 && fabs(one_light_pdf(sun, d) * solid_angle - 1) < 1e-4;
         mean += one_minus_cosine(d, sun->to_sun) / sun->sun_cone / 10000;
     }
@@ -332,7 +333,7 @@ static double irradiated(const itn_image *map, double radius_scale, int channel)
         for (c = 0; c < COLUMNS; c++) {
             double v = .5 * (r + .5) / ROWS, u = (c + .5) / COLUMNS, radiance;
             float rgb[3];
-            if (!map) itn__light_radiance(&light, 3, one_map_direction((float)u, (float)v), rgb);
+            if (!map) itn__light_radiance(&light, NULL, 3, one_map_direction((float)u, (float)v), rgb);
             radiance = map ? map_value(map, u, v) : rgb[channel];
             sum += radiance * cos(pi * v) * sin(pi * v) * pi * pi / ((double)ROWS * COLUMNS);
         }
@@ -424,6 +425,150 @@ static void test_chance(void) {
     }
 }
 
+/* ---- spherical harmonics --------------------------------------------------------------------- */
+
+/* They are orthonormal by quadrature, and the first nine are what textbooks say. */
+static void check_harmonics(double planted) {
+    enum { ROWS = 512, COLUMNS = 32 };
+    static double product[ITN__HARMONICS][ITN__HARMONICS];
+    itn__floats basis[ITN__HARMONICS];
+    double y[ITN__HARMONICS];
+    memset(product, 0, sizeof product);
+    for (int i = 0; i < ROWS * COLUMNS; i++) {
+        double cosine = (i / COLUMNS + .5) * 2 / ROWS - 1, sine = sqrt(1 - cosine * cosine);
+        double phi = 2 * pi * (i % COLUMNS + .3) / COLUMNS, a = sine * sin(phi), c = sine * cos(phi);
+        itn__vectors d = one_vectors(solids_vec3(a, cosine, c));
+        const double known[9] = {
+            .5 / sqrt(pi), .4886025 * a, .4886025 * cosine, .4886025 * c, 1.0925484 * a * c,
+            1.0925484 * a * cosine, .3153916 * (3 * cosine * cosine - 1), 1.0925484 * c * cosine,
+            .5462742 * (c * c - a * a)};
+        itn__harmonics(4, &d, basis);
+        for (int k = 0; k < ITN__HARMONICS; k++) y[k] = (double)one_of(basis[k]);
+        y[12] *= 1 + planted;
+        for (int k = 0; k < 9 && i % 5 == 0; k++) CHECK_NEAR(y[k], known[k], 1e-6);
+        for (int k = 0; k < ITN__HARMONICS * ITN__HARMONICS; k++)
+            product[k / ITN__HARMONICS][k % ITN__HARMONICS] +=
+                y[k / ITN__HARMONICS] * y[k % ITN__HARMONICS] * 4 * pi / (ROWS * COLUMNS);
+    }
+    for (int k = 0; k < ITN__HARMONICS * ITN__HARMONICS; k++)
+        CHECK_NEAR(product[k / ITN__HARMONICS][k % ITN__HARMONICS], k % (ITN__HARMONICS + 1) == 0,
+                   2e-4);
+}
+
+static itn_light_desc harmonic_light(int count, double first) {
+    itn_light_desc light = ITN_ZERO;
+    light.type = ITN_LIGHT_SH, light.harmonic_count = count;
+    for (int k = 0; k < 3 * count; k++)
+        light.harmonics[k / count][k % count] = (float)sin(k * 1.7 + 1 + k / count);
+    for (int c = 0; c < 3; c++) light.harmonics[c][0] = (float)first;
+    return light;
+}
+
+/* Draws in proportion to |luminance|, which is 0 on some lines: the mean of luminance / density is
+   the first coefficient times sqrt(4 pi), and little varies. */
+static void check_harmonic_draws(int planted) {
+    enum { DRAWS = 1 << 17 };
+    itn_light_desc desc = harmonic_light(25, 2);
+    itn_scene *scene = plane_scene(&desc, 3, 4);
+    const itn__light *light = &scene->lights[0];
+    const itn__light_model *model = &itn__light_models[light->kind];
+    itn__rng rng = itn__rng_make(9, 0, 0);
+    double mean = 0, square = 0, expected = 0, least = 0;
+    for (int c = 0; c < 3; c++)
+        expected += (double)light->harmonics[c] * sqrt(4 * pi) * (c == 1 ? .7152 : c ? .0722 : .2126);
+    for (int i = 0; i < DRAWS; i += ITN__LANES) {
+        itn__floats u = itn__splat(0), v = u, rgb[3], pdf;
+        itn__towards to;
+        for (int k = 0; k < ITN__LANES; k++)
+            ITN__LANE(u, k) = itn__uniform(&rng), ITN__LANE(v, k) = itn__uniform(&rng);
+        to.d = model->sample(light, u, v), itn__map_coordinates(&to);
+        model->radiance(light, NULL, 3, &to, rgb), pdf = model->pdf(light, &to);
+        for (int k = 0; k < ITN__LANES; k++) {
+            const float one[3] = {ITN__LANE(rgb[0], k), ITN__LANE(rgb[1], k), ITN__LANE(rgb[2], k)};
+            double ratio = (double)itn__luminance(one) / ITN__LANE(pdf, k);
+            if (planted) ratio = fabs(ratio);
+            if (!itn__finite(ratio)) CHECK(0);
+            mean += ratio / DRAWS, square += ratio * ratio / DRAWS, least = fmin(least, ratio);
+        }
+    }
+    CHECK(least < 0 && square < 2 * (double)(light->power * light->power));
+    CHECK_NEAR(mean, expected, 5 * sqrt((square - mean * mean) / DRAWS));
+    itn_scene_free(scene);
+}
+
+/* Pictures are linear: the derivative by a coefficient is the picture in that harmonic alone, by the
+   same paths; and the sum of all, times the coefficients, is the picture. Both walks agree where
+   much of the radiance is negative. */
+static void check_harmonic_pictures(int channels, double planted) {
+    enum { PIXELS = 16 };
+    itn_light_desc desc = harmonic_light(9, .3);
+    itn_scene *scene = plane_scene(&desc, channels, 4);
+    itn_render_options options = ITN_ZERO;
+    itn_image image, basis;
+    itn_error error;
+    float theta[64];
+    int parameters[27], n = 9 * channels, size = PIXELS * channels;
+    const itn_parameter *last;
+    options.spp = 64, options.mode = ITN_MODE_REFERENCE;
+    parameters[0] = itn_parameter_find(scene, channels == 3 ? "light.c00_r" : "light.c00");
+    for (int k = 1; k < n; k++) parameters[k] = parameters[0] + k;
+    last = itn_parameter_get(scene, parameters[n - 1]);
+    CHECK(!strcmp(last->name, channels == 3 ? "light.c22_b" : "light.c22"));
+    CHECK(last->transform == ITN_LINEAR && last->lower == -last->upper && last->upper > 500);
+    CHECK_NEAR(itn_parameter_from_coordinate(last, itn_parameter_to_coordinate(last, -.4)), -.4,
+               1e-12);
+    solids_need(itn_render(scene, NULL, &options, parameters, n, &image, &error), &error);
+    for (int k = 0; k < n; k++) {
+        itn_parameter_values(scene, theta);
+        for (int j = 0; j < n; j++) theta[parameters[j]] = j == k;
+        solids_need(itn_render(scene, theta, &options, NULL, 0, &basis, &error), &error);
+        for (int i = 0; i < size; i++) {
+            float slope = image.pixels[(2 + 2 * k) * size + i];
+            CHECK_NEAR(slope * (1 + planted), basis.pixels[i], 1e-5);
+            image.pixels[i] -= itn_parameter_get(scene, parameters[k])->value * slope;
+        }
+        itn_image_free(&basis);
+    }
+    for (int i = 0; i < size; i++) CHECK_NEAR(image.pixels[i], 0, 1e-4);
+    options.mode = ITN_MODE_FAST;
+    CHECK(itn_render(scene, NULL, &options, parameters, 1, &basis, &error) ==
+          ITN_ERROR_UNSUPPORTED);
+    itn_image_free(&image);
+    itn_scene_free(scene);
+}
+
+static void check_harmonic_walks(double factor) {
+    static const char *const names[2] = {"m.sigma_t", "light.scale"};
+    itn_mesh mesh = solids_sphere(1, 3);
+    itn_light_desc light = harmonic_light(9, .4);
+    solids_mean means[2][3];
+    for (int k = 0; k < 2; k++) {
+        solids_desc desc = ITN_ZERO;
+        itn_render_options options = ITN_ZERO;
+        desc.mesh = &mesh, desc.sigma_t = 2, desc.albedo = .8, desc.g = .4, desc.light = &light;
+        desc.eye = solids_vec3(0, 1, 3), desc.fov = 40;
+        options.spp = 60, options.seed = (uint64_t)k;
+        options.mode = k ? ITN_MODE_REFERENCE : ITN_MODE_FAST;
+        itn_scene *scene = solids_scene(&desc);
+        solids_measure(scene, NULL, &options, names, 2, means[k]);
+        itn_scene_free(scene);
+    }
+    for (int j = 0; j < 3; j++) {
+        double error = sqrt(pow(means[0][j].error, 2) + pow(means[1][j].error, 2));
+        CHECK_MEAN(factor * means[0][j].value, error, means[1][j].value, 4, .02);
+    }
+    itn_mesh_free(&mesh);
+}
+
+static void test_harmonics(void) {
+    check_harmonics(0), check_harmonic_draws(0), check_harmonic_pictures(1, 0);
+    check_harmonic_pictures(3, 0), check_harmonic_walks(1);
+    CHECK_CATCHES(check_harmonics(1e-3));
+    CHECK_CATCHES(check_harmonic_draws(1));
+    CHECK_CATCHES(check_harmonic_pictures(1, 1e-3));
+    CHECK_CATCHES(check_harmonic_walks(1.5));
+}
+
 int main(void) {
     test_light_directions();
     test_maps();
@@ -435,5 +580,6 @@ int main(void) {
     test_sun();
     test_planes();
     test_chance();
+    test_harmonics();
     return check_end("light");
 }

@@ -293,7 +293,17 @@ static const bad_line bad_lines[] = {
     {"object", ITN_ERROR_FORMAT, "object: '' is none of: mesh plane"},
     {"object sphere", ITN_ERROR_FORMAT, "object: 'sphere' is none of: mesh plane"},
     {"object medium m mesh cube.obj", ITN_ERROR_FORMAT, "'medium' is none of: mesh plane"},
-    {"light bulb", ITN_ERROR_FORMAT, "'bulb' is none of: constant map sky"},
+    {"light sh", ITN_ERROR_FORMAT, "sh: the line ends too early"},
+    {"light sh 1 2", ITN_ERROR_FORMAT, "light2: sh has 1, 4, 9, 16 or 25 coefficients"},
+    {"light sh 1 2 3", ITN_ERROR_FORMAT, "channels 3"},
+    {"light sh 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 "
+     "1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1", ITN_ERROR_FORMAT,
+     "sh has 1, 4, 9"},
+    {"light sh 1 1 1 1e30", ITN_ERROR_FORMAT, "c11"},
+    {"light sh 1 1 1 x", ITN_ERROR_FORMAT, "'x' is none of"},
+    {"light sh none.txt", ITN_ERROR_FILE, "none.txt"},
+    {"light sh scene.itn", ITN_ERROR_FORMAT, "scene.itn"},
+    {"light bulb", ITN_ERROR_FORMAT, "'bulb' is none of: constant map sky sh"},
     {"camera eye 0 0 1 target 0 0 0", ITN_ERROR_FORMAT, "line 1"},
     {"film widht 3", ITN_ERROR_FORMAT, "film: 'widht' is none of: width height channels filter"},
     {"film width 3 width 3", ITN_ERROR_FORMAT, "width is given twice"},
@@ -708,7 +718,7 @@ static void check_sky(const itn_sky *sky) {
     for (i = 0; i < 3; i++) {
         double angle = theta[i] * degree;
         itn_vec3 d = itn__vec3((float)sin(angle), (float)cos(angle), 0);
-        itn__light_radiance(&light, 3, d, rgb);
+        itn__light_radiance(&light, NULL, 3, d, rgb);
         for (c = 0; c < 3; c++) CHECK_NEAR(rgb[c], expected[i][c], 2e-6 * expected[i][c]);
     }
 }
