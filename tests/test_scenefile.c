@@ -294,7 +294,7 @@ static const bad_line bad_lines[] = {
     {"object sphere", ITN_ERROR_FORMAT, "object: 'sphere' is none of: mesh plane"},
     {"object medium m mesh cube.obj", ITN_ERROR_FORMAT, "'medium' is none of: mesh plane"},
     {"light sh", ITN_ERROR_FORMAT, "sh: the line ends too early"},
-    {"light sh 1 2", ITN_ERROR_FORMAT, "light2: sh has 1, 4, 9, 16 or 25 coefficients"},
+    {"light sh 1 2", ITN_ERROR_FORMAT, "light: sh has 1, 4, 9, 16 or 25 coefficients"},
     {"light sh 1 2 3", ITN_ERROR_FORMAT, "channels 3"},
     {"light sh 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 "
      "1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1", ITN_ERROR_FORMAT,
