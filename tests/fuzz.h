@@ -130,17 +130,21 @@ static void fuzz_scene(const unsigned char *bytes, size_t size, const itn_contex
     static const char cube[] = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nv 0 0 1\nv 1 0 1\nv 0 1 1\n"
                                "v 1 1 1\nf 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 3 7 8 4\nf 1 5 7 3\n"
                                "f 2 4 8 6\n";
+    static const char steep[] = "PF 2 2 -1.0\n\0\0\0\x3f\0\0\0\x3f\0\0\x80\x3f\0\0\0\x3f\0\0\0\x3f"
+                                "\0\0\x80\x3f\0\0\0\x3f\0\0\0\x3f\0\0\x80\x3f\0\0\0\x3f\0\0\0\x3f"
+                                "\0\0\x80\x3f";
     static const char map[] = "Pf 2 2 -1.0\n\0\0\0\x3f\0\0\0\x3f\0\0\0\x3f\0\0\x80\x3f";
     static const char sky[] = "coefficients_r -1 -.4 1 .5 -2 .2 .1 1 .5\n"
                               "coefficients_g -1 -.4 1 .5 -2 .2 .1 1 .5\n"
                               "coefficients_b -1 -.4 1 .5 -2 .2 .1 1 .5\n"
                               "radiance 1 2 3\nsun_radiance 100 90 80\n";
     const itn_file files[] = {{"a.obj", cube, sizeof cube - 1}, {"a.pfm", map, sizeof map - 1},
-                              {"a.sky", sky, sizeof sky - 1}, {"self", bytes, size}};
+                              {"a.sky", sky, sizeof sky - 1}, {"self", bytes, size},
+                              {"n.pfm", steep, sizeof steep - 1}};
     itn_scene *scene = NULL;
     itn_error error = ITN_ZERO;
     itn_result result =
-        itn_scene_from_memory(bytes, size, "/none/x", files, 4, context, &scene, &error);
+        itn_scene_from_memory(bytes, size, "/none/x", files, 5, context, &scene, &error);
     fuzz_said(result, &error);
     FUZZ_HOLDS(!result == !!scene);
     if (scene) fuzz_render(scene);
@@ -217,15 +221,34 @@ static void fuzz_desc(const unsigned char *bytes, size_t size, const itn_context
         fuzz_floats(&b, media[k].albedo, 3), media[k].g = fuzz_float(&b);
         if (fuzz_byte(&b) % 4 == 3) fuzz_floats(&b, media[k].sigma_t_rgb, 3);
         if (fuzz_byte(&b) % 4 == 3) fuzz_floats(&b, media[k].g_rgb, 3);
+        if (fuzz_byte(&b) % 2) media[k].phase = (itn_phase_type)(fuzz_byte(&b) % 4);
+        if (media[k].phase) media[k].kappa = fuzz_float(&b);
+        if (media[k].phase) media[k].lobe_count = fuzz_byte(&b) % 6;
+        for (int m = 0; m < 4 && m < media[k].lobe_count; m++) {
+            media[k].lobes[m].phase = (itn_phase_type)(fuzz_byte(&b) % 4);
+            media[k].lobes[m].shape = fuzz_float(&b), media[k].lobes[m].weight = fuzz_float(&b);
+        }
     }
     for (int k = 0; k < desc.surface_count; k++) {
         surfaces[k].name = names[fuzz_byte(&b) % 8];
-        surfaces[k].type = (itn_surface_type)(fuzz_byte(&b) % 3);
+        surfaces[k].type = (itn_surface_type)(fuzz_byte(&b) % 10);
         surfaces[k].ior = fuzz_float(&b), surfaces[k].alpha = fuzz_float(&b);
         fuzz_floats(&b, surfaces[k].reflectance, 3), fuzz_floats(&b, surfaces[k].reflectance2, 3);
         surfaces[k].texture = (itn_texture_type)(fuzz_byte(&b) % 4);
         surfaces[k].checker_size = fuzz_float(&b);
         surfaces[k].image = fuzz_byte(&b) % 2 ? &image : NULL;
+        surfaces[k].distribution = (itn_distribution)(fuzz_byte(&b) % 3);
+        surfaces[k].has_reflectance = fuzz_byte(&b) % 2;
+        fuzz_floats(&b, surfaces[k].eta, 3), fuzz_floats(&b, surfaces[k].k, 3);
+        surfaces[k].sigma = fuzz_float(&b), fuzz_floats(&b, surfaces[k].specular, 3);
+        surfaces[k].alpha_x = fuzz_float(&b), surfaces[k].alpha_y = fuzz_float(&b);
+        surfaces[k].nu = fuzz_float(&b), surfaces[k].nv = fuzz_float(&b);
+        surfaces[k].bump = fuzz_byte(&b) % 4 == 3 ? &image : NULL;
+        surfaces[k].normal = fuzz_byte(&b) % 4 == 3 ? &image : NULL;
+        surfaces[k].bump_scale = surfaces[k].bump ? fuzz_float(&b) : 0;
+        surfaces[k].parts = names + fuzz_byte(&b) % 6, surfaces[k].part_count = fuzz_byte(&b) % 3;
+        surfaces[k].weights = pixels;
+        surfaces[k].measured.bytes = bytes, surfaces[k].measured.size = size;
     }
     for (int k = 0; k < desc.object_count; k++) {
         objects[k].mesh = fuzz_byte(&b) % 4 ? &mesh : NULL;
@@ -240,6 +263,7 @@ static void fuzz_desc(const unsigned char *bytes, size_t size, const itn_context
         fuzz_floats(&b, lights[k].radiance, 3), lights[k].scale = fuzz_float(&b);
         lights[k].sun_scale = fuzz_float(&b), lights[k].has_scale = fuzz_byte(&b) % 2;
         lights[k].image = fuzz_byte(&b) % 8 ? &image : NULL;
+        lights[k].repair = fuzz_byte(&b) % 2, lights[k].rotate = 90 * fuzz_float(&b);
         if (lights[k].type == ITN_LIGHT_SKY) {
             fuzz_floats(&b, lights[k].sky.coefficients[0], 9);
             memcpy(lights[k].sky.coefficients[1], lights[k].sky.coefficients[0], 36);
