@@ -2667,13 +2667,13 @@ ITN__INLINE itn__num itn__facets(itn_distribution kind, itn__num across, itn__nu
 /* D(m) G1(i); drawn: the same of GGX, as which facets are drawn. */
 static itn__num itn__seen_facets(itn_distribution kind, const itn__nvectors *i,
                                  const itn__nvectors *m, itn__num alpha, itn__floats *drawn) {
-    itn__num alpha2 = itn__nsquare(alpha), up = itn__nsquare(m->z), seen;
-    itn__num across = itn__nadd(itn__nsquare(m->x), itn__nsquare(m->y));
-    across = itn__ndiv(across, alpha2);
-    seen = itn__nmul(itn__facets(ITN_GGX, across, up, alpha2), itn__smith(ITN_GGX, i, alpha));
-    *drawn = seen.v;
-    if (kind == ITN_GGX) return seen;
-    return itn__nmul(itn__facets(kind, across, up, alpha2), itn__smith(kind, i, alpha));
+    itn__num alpha2 = itn__nsquare(alpha), up = itn__nsquare(m->z);
+    itn__num across = itn__ndiv(itn__nadd(itn__nsquare(m->x), itn__nsquare(m->y)), alpha2);
+    itn__num ggx = itn__nmul(itn__facets(ITN_GGX, across, up, alpha2),
+                             itn__smith(ITN_GGX, i, alpha));
+    *drawn = ggx.v;
+    return kind == ITN_GGX ? ggx : itn__nmul(itn__facets(kind, across, up, alpha2),
+                                             itn__smith(kind, i, alpha));
 }
 
 /* f cos theta_o of a rough boundary; pdf receives the density with which o is drawn. 0 where no
@@ -2828,8 +2828,7 @@ static void itn__conductor_eval(const itn__site *site, const itn__nvectors *i,
         itn__nvectors h = itn__halfway(i, o, &cosine);
         facets = itn__nmul(itn__seen_facets(s->distribution, i, &h, alpha, pdf),
                            itn__smith(s->distribution, o, alpha));
-        facets = itn__nscale(itn__ndiv(facets, i->z), itn__splat(.25f));
-        *pdf = *pdf / (4 * site->i.z);
+        facets = itn__ndiv(facets, itn__nscale(i->z, itn__splat(4))), *pdf = *pdf / (4 * i->z.v);
     }
     for (int c = 0; c < site->channels; c++) {
         f[c] = itn__nmul(itn__reflectance(site, c), facets);
@@ -2846,8 +2845,8 @@ static itn__ints itn__conductor_sample(itn__site *site, const itn__floats u[3], 
 static void itn__rough_diffuse_eval(const itn__site *site, const itn__nvectors *i,
                                     const itn__nvectors *o, itn__num f[3], itn__floats *pdf) {
     itn__floats one = itn__splat(1);
-    itn__num s2 = itn__nscale(itn__site_value(site, site->surface->sigma), one * (ITN__PI / 180));
-    s2 = itn__nsquare(s2);
+    itn__num s2 = itn__nsquare(itn__nscale(itn__site_value(site, site->surface->sigma),
+                                           one * (ITN__PI / 180)));
     itn__num a = itn__ndiv(itn__nscale(s2, -.5f * one), itn__naffine(s2, one, .33f * one));
     itn__num b = itn__ndiv(itn__nscale(s2, .45f * one), itn__naffine(s2, one, .09f * one));
     itn__num turn = itn__nadd(itn__nmul(i->x, o->x), itn__nmul(i->y, o->y));
@@ -2900,14 +2899,13 @@ static void itn__ashikhmin_eval(const itn__site *site, const itn__nvectors *i,
     itn__num cosine, d, ground, unit = itn__constant(one);
     itn__nvectors h = itn__halfway(i, o, &cosine);
     itn__num x2 = itn__nsquare(h.x), y2 = itn__nsquare(h.y);
-    itn__num left = itn__nsub(unit, itn__nadd(x2, y2)); /* h_z^2 */
-    left = itn__nmost(left, itn__constant(itn__splat(FLT_MIN)));
+    itn__num left = itn__nmost(itn__nsub(unit, itn__nadd(x2, y2)), itn__constant(FLT_MIN * one));
     itn__num slope = itn__num_of(itn__vlog(left.v), left.d / left.v), rest = itn__nsub(unit, left);
-    slope = itn__nscale(itn__ndiv(slope, rest), .5f * one); /* log(h_z) / (1 - h_z^2) */
+    slope = itn__nscale(itn__ndiv(slope, rest), .5f * one); /* log(h_z) / (1 - h_z^2), h_z^2 left */
     slope = itn__nselect(itn__less(zero, rest.v), slope, itn__constant(-.5f * one));
     slope = itn__nmul(itn__nadd(itn__nmul(x, x2), itn__nmul(y, y2)), slope);
-    d = itn__nroot(itn__nmul(itn__nadd(x, unit), itn__nadd(y, unit)));
-    d = itn__nscale(itn__nmul(d, itn__nexp(slope)), one / (8 * ITN__PI));
+    d = itn__nmul(itn__nadd(x, unit), itn__nadd(y, unit));
+    d = itn__nscale(itn__nmul(itn__nroot(d), itn__nexp(slope)), one / (8 * ITN__PI));
     d = itn__ndiv(d, cosine), *pdf = share * d.v + (1 - share) * o->z.v / ITN__PI;
     d = itn__nmul(d, itn__ndiv(o->z, itn__nmost(i->z, o->z)));
     ground = itn__nmul(itn__nsub(unit, itn__fifth(itn__nscale(i->z, .5f * one))),
@@ -2921,23 +2919,26 @@ static void itn__ashikhmin_eval(const itn__site *site, const itn__nvectors *i,
         f[c] = itn__nadd(f[c], itn__nmul(specular, d));
     }
 }
+/* Reflects a share of all at facet m, the rest as if diffuse. */
+static itn__ints itn__sample_gloss(itn__site *site, const itn__floats u[3], itn__floats share,
+                                   itn__vectors m, itn__vectors *o) {
+    itn__ints gloss = itn__less(u[2], share), good = itn__reflect(site, m, o) | ~gloss;
+    itn__vectors plain;
+    itn__diffuse_sample(site, u, &plain);
+    *o = itn__vselect(gloss, *o, plain);
+    return good;
+}
 static itn__ints itn__ashikhmin_sample(itn__site *site, const itn__floats u[3], itn__vectors *o) {
-    const itn__surface *s = site->surface;
-    float x = site->theta[s->nu], y = site->theta[s->nv];
-    itn__ints gloss = itn__less(u[2], itn__gloss_share(site)), good;
+    float x = site->theta[site->surface->nu], y = site->theta[site->surface->nv];
     itn__floats sine, cosine;
-    itn__vectors m, plain;
     itn__vsincos_turns(u[1], &sine, &cosine);
     cosine = cosine * sqrtf(y + 1), sine = sine * sqrtf(x + 1);
     itn__floats scale = 1 / (sine * sine + cosine * cosine);
     itn__floats power = (x * cosine * cosine + y * sine * sine) * scale + 1;
     itn__floats cos2 = itn__vexp(2 * itn__vlog(u[0]) / power);
     scale = itn__safe_root((1 - cos2) * scale);
-    m = itn__vectors_of(cosine * scale, sine * scale, itn__root(cos2));
-    good = itn__reflect(site, m, o) | ~gloss;
-    itn__diffuse_sample(site, u, &plain);
-    *o = itn__vselect(gloss, *o, plain);
-    return good;
+    itn__vectors m = itn__vectors_of(cosine * scale, sine * scale, itn__root(cos2));
+    return itn__sample_gloss(site, u, itn__gloss_share(site), m, o);
 }
 
 /* A measured BRDF is a table over the angles of h, theta_h = pi/2 (x/90)^2, and of i around it,
@@ -2982,13 +2983,8 @@ static void itn__measured_eval(const itn__site *site, const itn__nvectors *i,
         f[c] = itn__nmul(itn__nmul(itn__reflectance(site, c), sum[c]), o->z);
 }
 static itn__ints itn__measured_sample(itn__site *site, const itn__floats u[3], itn__vectors *o) {
-    itn__floats alpha = itn__splat(site->surface->gloss);
-    itn__ints gloss = itn__less(u[2], itn__splat(.5f));
-    itn__vectors plain;
-    itn__ints good = itn__reflect(site, itn__sample_facet(&site->i, alpha, u[0], u[1]), o) | ~gloss;
-    itn__diffuse_sample(site, u, &plain);
-    *o = itn__vselect(gloss, *o, plain);
-    return good;
+    itn__vectors m = itn__sample_facet(&site->i, itn__splat(site->surface->gloss), u[0], u[1]);
+    return itn__sample_gloss(site, u, itn__splat(.5f), m, o);
 }
 
 /* The surfaces there are. To add one, say a retroreflector:
