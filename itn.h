@@ -355,10 +355,10 @@ typedef struct itn_surface_desc {
     const itn_image *image; /* texture: planes as of a map light, values in [0,1], two rows or more;
                                its pixels lie in the middle of equal squares; copied */
     const itn_image *bump;   /* heights in scene units (luminance), in [-1e12,1e12], */
-    const itn_image *normal; /* or normals, 2 (R,G,B) - 1 along the tangent, to where the second
-                                texture coordinate grows, and outwards; both as codes, if of a PNG
-                                file, and bilinear, repeated, of a blend for parts without. What is
-                                on one side of the face and on the other by its normal is lost */
+    const itn_image *normal; /* or normals, 2 (R,G,B) - 1 along the tangent, across it (normal x
+                                tangent) and outwards; both as codes, if of a PNG file, and
+                                bilinear, repeated, of a blend for parts without. What is on one
+                                side of the face and on the other by its normal is lost */
     float bump_scale;        /* multiplies heights, in [0,1e12]; 0 = 1, */
     int has_bump_scale;      /* but as it is if this is 1 */
     const char *const *parts; /* blend: names of 1 to 4096 surfaces, no blends. One may be a
@@ -4188,7 +4188,7 @@ static void itn__site_orient(itn__site *site, int k, const itn_scene *scene,
     }
     float turned = itn__dot(n, itn__cross(gradient[0], gradient[1])) < 0 ? -1.f : 1.f;
     axes[3] = itn__direction(itn__scale(itn__cross(gradient[1], n), turned));
-    axes[0] = itn__scale(axes[3], side), axes[1] = itn__scale(itn__cross(n, axes[0]), turned);
+    axes[0] = itn__scale(axes[3], side), axes[1] = itn__cross(n, axes[3]);
     if (surface->tilted == 1) {
         axes[0] = itn__scale(gradient[0], -side * (float)surface->tilt_width);
         axes[1] = itn__scale(gradient[1], side * (float)surface->tilt_height);
