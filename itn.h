@@ -33,7 +33,7 @@
      Part II, the reference path tracer with all it needs: read from top to bottom, theory first
        numbers and rays   [base] [lanes] [triangle] [bvh]
        models             [fields] [medium] [surface] [light]
-       the walk           [scene] [place] [throughput] [path]
+       the walk           [scene] [place] [throughput] [links] [path]
      Part III, all else
        making scenes      [means] [mesh] [maker] [objects]
        the fast walk      [sobol] [voxels] [fast] [value] [flights] [walk] [surfaces]
@@ -592,6 +592,10 @@ typedef enum itn_estimator { ITN_ESTIMATOR_BASELINE = 0, ITN_ESTIMATOR_SCORE } i
 typedef struct itn_render_stats {
     double paths;      /* samples, in the fast walk times walks, whether or not they see anything */
     double collisions; /* scattering events in media */
+    double blur; /* what the mean of the picture would change by if sharp lights behind smooth
+                    dielectrics were blurred twice as far (20 degrees) where they are: in light that
+                    is reflected inside before it scatters, or refracted more than once. Where this
+                    is not 0, it belongs to the error, besides variances */
 } itn_render_stats;
 
 /* How to render; all zero is a choice that does well. */
@@ -3615,6 +3619,8 @@ struct itn_scene {
     itn__light guide; /* what of these is brighter than their mean, blurred, see [walk] */
     float guided;     /* its part in their power */
     int leaky;        /* some solid is open or tangled, taken by force */
+    struct itn__cones *cones; /* of normals, where facets are looked for, see [links]; or NULL */
+    double blur_unit; /* of sums of light, see there */
     void **kept;      /* [ITN__KEPT] chains, made on demand: tables ([voxels]), and ITN__SCRATCH */
 };
 
@@ -4061,7 +4067,7 @@ typedef struct itn__walk {
     int steps, scatterings, boundaries;
     float radiance[3];              /* of this path */
     float *derivative;              /* [count][channels], of this path */
-    double collisions;              /* of all paths so far, for the record */
+    double collisions, blur;        /* of all paths so far, for the record; blur in its unit */
 } itn__walk;
 
 /* 1 or 3; said this way, the compiler knows it too. */
@@ -4267,6 +4273,233 @@ static void itn__touch_texture(itn__walk *walk, const itn__corners *corners, int
     itn__add_seed(f, seed, walk->count + k);
 }
 
+/* ---- [links] shadow rays through smooth facets ----------------------------------------------- */
+
+/* Light comes into a smooth dielectric by refraction only: straight shadow rays do not arrive, and
+   a path that leaves meets a sun once in 1e5 times. But Snell's law alone tells the direction d
+   inside that a facet with normal n refracts into a direction omega outside. With eta the index
+   inside, over 1,
+
+       d = (omega + c n) / eta,    c = sqrt(eta^2 - 1 + mu^2) - mu,    mu = n . omega > 0.
+
+   So light from omega comes to a collision at x through all facets that a ray from x, along the
+   facet's own d, meets first: a shadow ray goes through each of them. With the density q of omega
+   goes J = dd / domega = mu / (eta^2 n . d). A path that leaves there by chance, by a direction of
+   density p, would have found the same light with density p J, and the two are combined as
+   everywhere ([light]).
+
+   Facets are looked for in the tree. Below a child all points are within r of m, and all normals n
+   have |n - a| <= chord, so that mu is in an interval; c falls with mu. As |c n - c(a) a|^2
+   = (c - c(a))^2 + c c(a) |n - a|^2, no d differs from that of a by more than some delta: one of
+   the facets can be met only if the line from x along d(a) passes m within r + (|m - x| + r) delta.
+
+   Other ways out, after a reflection inside or by two refractions, are still found by chance. There
+   lights are split as if a shadow ray drew them, too, and chance had a density of ITN__LOST: that
+   leaves of their radiance what chance finds with little noise. The rest, that of suns and bright
+   texels, is blurred: a path that leaves in direction omega sees light that it draws in any
+   direction within ITN__BLUR degrees of omega, over their solid angle. How much the picture would
+   change if these were twice as many, is told to the caller (itn_render_stats). */
+
+#define ITN__LOST 2.f  /* per unit of solid angle */
+#define ITN__BLUR 20.f /* degrees */
+
+/* Of a node's children, or of a leaf's triangles; chord -1: light cannot come through. */
+typedef struct itn__cone {
+    itn_vec3 m, a;
+    float r, chord;
+} itn__cone;
+typedef struct itn__cones { float row[8][ITN__WIDE]; } itn__cones; /* the fields of each */
+
+ITN__INLINE itn__cones *itn__cones_of(const itn_scene *scene, int32_t child) {
+    return scene->cones + (child < 0 ? scene->bvh->node_count + ~child : child);
+}
+/* Reads cone k, or (set) writes it. */
+static void itn__copy_cone(itn__cones *cones, int k, itn__cone *cone, int set) {
+    float field[8];
+    memcpy(field, cone, sizeof field);
+    for (int i = 0; i < 8; i++)
+        if (set) cones->row[i][k] = field[i];
+        else field[i] = cones->row[i][k];
+    memcpy(cone, field, sizeof field);
+}
+/* Whether an object is a smooth dielectric with facets for normals. */
+static int itn__links(const itn_scene *scene, int object) {
+    const itn__surface *surface = &scene->surfaces[scene->objects[object].surface];
+    return scene->objects[object].refracts && surface->type == ITN_SURFACE_DIELECTRIC &&
+           surface->alpha < 0 && !surface->tilted;
+}
+
+/* The cone of all those of a child; a little wider, for rounding. */
+static itn__cone itn__join_cones(itn__cones *of) {
+    itn__cone all = ITN_ZERO, one = ITN_ZERO;
+    float count = 0;
+    for (int j = 0; j < 2 * ITN__WIDE; j++) { /* first the means */
+        if (j == ITN__WIDE && count > 0)
+            all.m = itn__scale(all.m, 1 / count), all.a = itn__direction(all.a);
+        itn__copy_cone(of, j % ITN__WIDE, &one, 0);
+        if (one.chord < 0) continue;
+        if (j < ITN__WIDE) {
+            all.m = itn__along(all.m, 1, one.m), all.a = itn__along(all.a, 1, one.a), count++;
+        } else {
+            all.r = itn__max(all.r, 1.0001f * (itn__length(itn__sub(one.m, all.m)) + one.r));
+            float off = itn__length(itn__sub(one.a, all.a));
+            all.chord = itn__max(all.chord, off + one.chord + 1e-6f);
+        }
+    }
+    if (!(count > 0)) all.chord = -1;
+    return all;
+}
+
+/* The cone of a triangle. */
+static itn__cone itn__triangle_cone(const itn_scene *scene, const itn__pack *pack, int k) {
+    itn__cone cone = ITN_ZERO;
+    itn_vec3 p[3];
+    double n[3];
+    cone.chord = -1;
+    if (k >= ITN__PACK || !(pack->used >> k & 1) || !itn__links(scene, pack->objects[k]) ||
+        !(itn__unit_normal(&scene->bvh->triangles[pack->index[k]], n) > 0))
+        return cone;
+    itn__bvh_corners(scene->bvh, pack->index[k], p);
+    for (int i = 0; i < 3; i++) cone.m = itn__along(cone.m, 1 / 3.f, p[i]);
+    for (int i = 0; i < 3; i++) cone.r = itn__max(cone.r, itn__length(itn__sub(p[i], cone.m)));
+    cone.a = itn__vec3((float)n[0], (float)n[1], (float)n[2]), cone.chord = 0;
+    return cone;
+}
+
+/* Makes the cones of all leaves, then of nodes, whose children have higher numbers. */
+static void itn__fill_cones(const itn_scene *scene) {
+    const itn_bvh *bvh = scene->bvh;
+    for (int i = bvh->leaf_count + bvh->node_count - 1; i >= 0; i--)
+        for (int k = 0; k < ITN__WIDE; k++) {
+            int leaf = i - bvh->node_count;
+            itn__cone cone = leaf >= 0 ? itn__triangle_cone(scene, &bvh->packs[leaf], k)
+                           : itn__join_cones(itn__cones_of(scene, bvh->nodes[i].child[k]));
+            itn__copy_cone(&scene->cones[i], k, &cone, 1);
+        }
+}
+
+/* A way for light through a facet to a collision: directions inside and outside, 1 - F, and J. */
+typedef struct itn__link {
+    int facet; /* -1: none */
+    itn_vec3 d, omega;
+    float share, scale;
+} itn__link;
+
+/* A search for links from x to omega through facets not further than reach. */
+typedef struct itn__search {
+    const itn_scene *scene;
+    itn_vec3 x, omega;
+    float eta, reach;
+    int32_t stack[ITN__DEPTH * ITN__WIDE], child; /* what is next; and the child at hand, */
+    int top;
+    unsigned open; /* of which these members are to be looked at, as bits */
+} itn__search;
+
+/* Goes to a child: finds what of it may have such facets. What is not a number may. */
+static void itn__search_open(itn__search *s, int32_t child) {
+    const itn__cones *cones = itn__cones_of(s->scene, child);
+    const itn__floats zero = itn__splat(0);
+    const itn__vectors omega = itn__splat_vector(s->omega);
+    float eta2 = s->eta * s->eta;
+    s->child = child, s->open = (1u << ITN__WIDE) - 1;
+    for (int from = 0; from < ITN__WIDE; from += ITN__LANES) {
+        itn__floats row[8];
+        for (int i = 0; i < 8; i++) row[i] = itn__load(cones->row[i] + from);
+        itn__floats r = row[6], chord = row[7], chord2 = chord * chord;
+        itn__vectors a = itn__vectors_of(row[3], row[4], row[5]);
+        itn__vectors m = itn__vectors_of(row[0] - s->x.x, row[1] - s->x.y, row[2] - s->x.z);
+        itn__floats mu = itn__vdot(a, omega), front = itn__most(mu, zero);
+        itn__floats least = mu * (1 - .5f * chord2) -
+                            itn__safe_root((1 - mu * mu) * chord2 * (1 - .25f * chord2));
+        itn__ints shut = itn__less(chord, zero) | itn__less(mu, -chord);
+        least = itn__most(least, zero);
+        itn__floats c = itn__root(eta2 - 1 + front * front) - front;
+        itn__floats most = itn__root(eta2 - 1 + least * least) - least;
+        itn__floats change = itn__select(itn__less(mu, zero), chord, most - c);
+        itn__floats delta = itn__root(change * change + most * c * chord2) * (1 / s->eta);
+        itn__vectors d = itn__valong(omega, c, a);
+        itn__floats along = itn__vdot(m, d), d2 = itn__vdot(d, d), m2 = itn__vdot(m, m);
+        itn__floats distance = itn__root(m2), near_by = r + (distance + r) * (delta + .001f);
+        shut |= itn__less(near_by * near_by, m2 - along * along / d2) | /* .001: rounding */
+                itn__less(along, -near_by * s->eta) | itn__less(s->reach + r, distance);
+        s->open &= ~(itn__mask_bits(shut) << from);
+    }
+}
+static void itn__search_begin(itn__search *s, const itn_scene *scene, itn_vec3 x, itn_vec3 omega,
+                              float eta, float reach) {
+    s->scene = scene, s->x = x, s->omega = omega, s->eta = eta, s->reach = reach, s->top = 0;
+    itn__search_open(s, 0);
+}
+
+/* Makes the link by facet k of the leaf at hand. Returns 0 if its d leads past it; near its edges
+   only a ray tells. */
+static int itn__make_link(const itn__search *s, int k, itn__link *link) {
+    const itn__cones *cones = itn__cones_of(s->scene, s->child);
+    itn_vec3 p[3], n = itn__vec3(cones->row[3][k], cones->row[4][k], cones->row[5][k]);
+    float mu = itn__dot(n, s->omega), slack = 0;
+    float c = sqrtf(s->eta * s->eta - 1 + mu * mu) - mu;
+    itn__num cos_t;
+    link->omega = s->omega, link->d = itn__normalize(itn__along(s->omega, c, n));
+    link->facet = s->scene->bvh->packs[~s->child].index[k];
+    itn__bvh_corners(s->scene->bvh, link->facet, p);
+    for (int i = 0; i < 3; i++) p[i] = itn__sub(p[i], s->x), slack += itn__dot(p[i], p[i]);
+    for (int i = 0; i < 3; i++)
+        if (itn__dot(link->d, itn__cross(p[i], p[(i + 1) % 3])) < -4 * FLT_EPSILON * slack)
+            return 0;
+    itn__num eta = itn__constant(itn__splat(s->eta));
+    itn__num reflected = itn__fresnel(itn__constant(itn__splat(mu)), eta, &cos_t);
+    link->share = 1 - ITN__LANE(reflected.v, 0);
+    link->scale = mu / (s->eta * s->eta * itn__dot(n, link->d));
+    return mu > 0 && link->share > 0;
+}
+
+/* The next link of a search. Returns 0 if there is none. */
+static int itn__next_link(itn__search *s, itn__link *link) {
+    for (;;) {
+        while (!s->open && s->top) itn__search_open(s, s->stack[--s->top]);
+        if (!s->open) return 0;
+        int k = itn__lowest_bit(s->open);
+        s->open &= s->open - 1;
+        if (s->child >= 0) s->stack[s->top++] = s->scene->bvh->nodes[s->child].child[k];
+        else if (itn__make_link(s, k, link)) return 1;
+    }
+}
+
+/* What the density of a path's direction is behind a surface where it got direction d, with density
+   pdf, in lane k: `before` that of the last one, `hidden` and `lit` whether there and here light
+   comes by links and straight. Negative: of ways out that are neither. */
+static float itn__pdf_behind(const itn__site *site, int k, itn_vec3 d, float before, float pdf,
+                             int hidden, int lit) {
+    float cosine = fabsf(itn__dot(d, itn__lane_vector(&site->frame[2], k)));
+    float eta = ITN__LANE(site->eta.v, k);
+    if (!site->smooth) return lit ? pdf : -ITN__LOST;
+    if (!(before < INFINITY)) return INFINITY;
+    return hidden && lit && before > 0 ? before * cosine * eta * eta / ITN__LANE(site->i.z, k)
+                                       : -ITN__LOST;
+}
+
+/* How much of light that a path has drawn from omega, with radiance over density of `light` in its
+   channels, it sees in direction d. What doubling the angle would add goes to *sum, in whole units:
+   exact, in any order. */
+static float itn__seen_blurred(const itn_scene *scene, itn_vec3 omega, itn_vec3 d,
+                               const float light[3], double *sum) {
+    const float half = .5f * ITN__BLUR * (ITN__PI / 180);
+    float x = .5f * itn__dot(itn__sub(omega, d), itn__sub(omega, d)), mean = 0;
+    float once = 2 * itn__square(sinf(half)), twice = 2 * itn__square(sinf(2 * half));
+    float blur = x < once ? 1 / (2 * ITN__PI * once) : 0;
+    float change = (x < twice ? 1 / (2 * ITN__PI * twice) : 0) - blur;
+    for (int c = 0; c < scene->film.channels; c++) mean += light[c] / (float)scene->film.channels;
+    *sum += floor((double)(change * mean) / scene->blur_unit + .5);
+    return blur;
+}
+
+/* Whether a shadow ray that has come to a boundary has come to the facet of its link. */
+static int itn__is_linked(const itn_scene *scene, const float *theta, const itn__event *event,
+                          const itn_hit *hit, const itn__link *link) {
+    return link->facet == hit->triangle && !hit->front && itn__links(scene, event->object) &&
+           itn__is_lit(scene, theta, event->after);
+}
+
 /* ---- [path] the reference path tracer -------------------------------------------------------- */
 
 /* A path is built from the camera: fly (free path in a medium, else to the next surface), scatter
@@ -4389,9 +4622,9 @@ static void itn__weigh_flight(itn__walk *walk, itn__weight *weight, const itn__m
 }
 
 /* Carries the connection from `ray` to the lights: transmittance through media and index-matched
-   boundaries. Returns 0 if anything else is in the way. A medium whose mesh has a hole there, taken
-   by force, ends with the box of all solids. */
-static int itn__connect_visible(itn__walk *walk, itn_ray ray) {
+   boundaries, and by its link. Returns 0 if anything else is in the way. A medium whose mesh has a
+   hole there, taken by force, ends with the box of all solids. */
+static int itn__connect_visible(itn__walk *walk, itn_ray ray, const itn__link *link) {
     const itn_scene *scene = walk->scene;
     for (;;) {
         const itn__medium *medium = itn__medium_of(scene, walk->place.inside);
@@ -4402,36 +4635,57 @@ static int itn__connect_visible(itn__walk *walk, itn_ray ray) {
         if (medium) itn__weigh_flight(walk, &walk->connection, medium, NULL, hit.t, 0);
         if (!met) return 1;
         itn__event event = itn__meet_faces(scene, walk->theta, &walk->place, &ray, &hit);
-        if (event.object >= 0) return 0;
         ray.origin = itn__passed_point(scene->bvh, ray.origin, ray.direction, &hit);
+        if (event.object >= 0) {
+            if (!link || !itn__is_linked(scene, walk->theta, &event, &hit, link)) return 0;
+            ray.direction = link->omega;
+        }
         itn__leave_faces(scene, &walk->place, &event, ray.origin, 1);
     }
 }
 
-/* Begins a connection: draws a direction to a light and takes over the weight of the path. Returns
-   the direction's density, 0 where there is none. */
-static float itn__connection_begin(itn__walk *walk, itn__towards *to) {
+/* Begins a connection: takes over the weight of the path. */
+static void itn__connection_begin(itn__walk *walk) {
     size_t scores = (size_t)(walk->channels * walk->score_count);
     float *score = walk->connection.score;
+    walk->connection = walk->weight, walk->connection.score = score;
+    memcpy(score, walk->weight.score, scores * sizeof *score);
+}
+/* The same, to a light that it draws. Returns the direction's density, 0 where there is none. */
+static float itn__connection_draw(itn__walk *walk, itn__towards *to) {
     itn__floats u[3], pdf;
     if (walk->scene->last_sampled < 0) return 0;
     for (int k = 0; k < 3; k++) u[k] = itn__splat(itn__uniform(&walk->rng));
     itn__draw_lights(walk->scene, u, itn__bits_mask(1), to, &pdf);
-    walk->connection = walk->weight, walk->connection.score = score;
-    memcpy(score, walk->weight.score, scores * sizeof *score);
+    itn__connection_begin(walk);
     return ITN__LANE(pdf, 0);
 }
 
 /* Sends a shadow ray there, with the connection's weight and `mis`. If it is from a surface, event
-   is what the path meets there, and `through` whether the ray goes through it. */
+   is what the path meets there, and `through` whether the ray goes through it. link: by which it
+   goes, or NULL. */
 static void itn__connect(itn__walk *walk, itn_vec3 origin, const itn__towards *to,
-                         const itn__event *event, int through, float mis) {
+                         const itn__event *event, int through, const itn__link *link, float mis) {
     itn__place place = walk->place;
     itn_ray ray;
     if (event) itn__leave_faces(walk->scene, &walk->place, event, origin, through);
-    ray.origin = origin, ray.direction = itn__lane_vector(&to->d, 0);
-    if (itn__connect_visible(walk, ray)) itn__contribute(walk, &walk->connection, to, mis, 0);
+    ray.origin = origin, ray.direction = link ? link->d : itn__lane_vector(&to->d, 0);
+    if (itn__connect_visible(walk, ray, link)) itn__contribute(walk, &walk->connection, to, mis, 0);
     walk->place = place;
+}
+
+/* Radiance in the film's channels, scaled by theta: of all lights that are sampled, and of the
+   others. */
+static void itn__sum_radiance(const itn_scene *scene, const float *theta, const itn__towards *to,
+                              itn__floats sampled[3], itn__floats plain[3]) {
+    int channels = scene->film.channels;
+    for (int k = 0; k < 3; k++) sampled[k] = plain[k] = itn__splat(0);
+    for (int i = 0; i < scene->light_count; i++) {
+        const itn__light *light = &scene->lights[i];
+        itn__floats rgb[3], *sum = light->share > 0 ? sampled : plain;
+        itn__light_models[light->kind].radiance(light, theta, channels, to, rgb);
+        for (int k = 0; k < channels; k++) sum[k] += theta[light->parameter] * rgb[k];
+    }
 }
 
 /* A path that leaves the scene adds the lights in its direction, with the weight of having met a
@@ -4442,7 +4696,18 @@ static void itn__escape(itn__walk *walk, itn_vec3 direction) {
     int background = walk->scene->camera.background;
     float mis = 1;
     itn__floats pdf = itn__lights_density(walk->scene, &to);
-    if (itn__finite(walk->pdf)) mis = walk->pdf / (walk->pdf + ITN__LANE(pdf, 0));
+    float own = fabsf(walk->pdf);
+    if (itn__finite(own)) mis = own / (own + ITN__LANE(pdf, 0));
+    if (walk->pdf < 0) {
+        itn__towards seen;
+        itn__floats all[3], others[3];
+        float scale = 1 / (itn__connection_draw(walk, &seen) + own), light[3];
+        itn__sum_radiance(walk->scene, walk->theta, &seen, all, others);
+        for (int c = 0; c < 3; c++) light[c] = walk->weight.beta[c] * scale * ITN__LANE(all[c], 0);
+        scale *= itn__seen_blurred(walk->scene, itn__lane_vector(&seen.d, 0), direction, light,
+                                   &walk->blur);
+        itn__contribute(walk, &walk->weight, &seen, scale, 0);
+    }
     if (walk->steps != 1 || background < 0) itn__contribute(walk, &walk->weight, &to, mis, 1);
     else
         for (int c = 0; c < itn__channels(walk); c++)
@@ -4486,7 +4751,23 @@ static void itn__phase_factor(const itn__walk *walk, const itn__medium *medium, 
     }
 }
 
-/* A collision at the origin of the ray: the albedo, a shadow ray, then a new direction. */
+/* A shadow ray from a collision at the origin of the ray, along a direction d. */
+static void itn__connect_collision(itn__walk *walk, const itn__medium *medium, const itn_ray *ray,
+                                   const itn__towards *to, float light_pdf,
+                                   const itn__link *link) {
+    itn__vectors old = itn__splat_vector(ray->direction);
+    itn__vectors d = link ? itn__splat_vector(link->d) : to->d;
+    float pdf[3], scale = link ? link->scale : 1, share = link ? link->share : 1;
+    itn__factor f;
+    itn__phase_factor(walk, medium, itn__vone_minus_cosine(old, d),
+                      itn__vone_minus_cosine(old, itn__vscale(d, itn__splat(-1))), &f, pdf);
+    for (int c = 0; c < itn__channels(walk); c++)
+        itn__weigh(walk, &walk->connection, &f, c, light_pdf / (scale * share));
+    itn__connect(walk, ray->origin, to, NULL, 0, link,
+                 light_pdf / (light_pdf + itn__mixture(walk, pdf) * scale));
+}
+
+/* A collision at the origin of the ray: the albedo, shadow rays, then a new direction. */
 static void itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ray) {
     float pdf[3];
     int albedo[3];
@@ -4501,15 +4782,18 @@ static void itn__scatter(itn__walk *walk, const itn__medium *medium, itn_ray *ra
         p[c] = itn__variable(itn__splat(walk->theta[albedo[c]]));
     }
     itn__weigh_each(walk, &walk->weight, albedo, p, 1);
-    float light_pdf = itn__connection_begin(walk, &to);
+    float light_pdf = itn__connection_draw(walk, &to);
     if (light_pdf > 0 && itn__is_lit(walk->scene, walk->theta, walk->place.refracting)) {
-        x = itn__vone_minus_cosine(d, to.d);
-        y = itn__vone_minus_cosine(d, itn__vscale(to.d, itn__splat(-1)));
-        itn__phase_factor(walk, medium, x, y, &f, pdf);
-        for (int c = 0; c < itn__channels(walk); c++)
-            itn__weigh(walk, &walk->connection, &f, c, light_pdf);
-        itn__connect(walk, ray->origin, &to, NULL, 0,
-                     light_pdf / (light_pdf + itn__mixture(walk, pdf)));
+        itn__connect_collision(walk, medium, ray, &to, light_pdf, NULL);
+    } else if (light_pdf > 0 && walk->scene->cones) {
+        itn__search search;
+        itn__link link;
+        itn__search_begin(&search, walk->scene, ray->origin, itn__lane_vector(&to.d, 0),
+                          itn__ior(walk->scene, walk->theta, walk->place.refracting), INFINITY);
+        while (itn__next_link(&search, &link)) {
+            itn__connection_begin(walk);
+            itn__connect_collision(walk, medium, ray, &to, light_pdf, &link);
+        }
     }
     itn__floats u = itn__splat(itn__uniform(&walk->rng)), v = itn__splat(itn__uniform(&walk->rng));
     itn__phase phase = itn__phase_of(medium, walk->theta, walk->place.hero);
@@ -4592,14 +4876,14 @@ static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) 
     }
     ray->origin = itn__hit_point(scene->bvh, hit);
     itn__site_begin(walk, ray, hit, &event, surface, n, &site, &f);
-    float light_pdf = site.smooth ? 0 : itn__connection_begin(walk, &to);
+    float light_pdf = site.smooth ? 0 : itn__connection_draw(walk, &to);
     if (light_pdf > 0) {
         itn__bsdf_eval(&site, &to.d, &f, &pdf, &through);
         int within = ITN__LANE(through, 0) ? event.after : walk->place.refracting;
         for (int c = 0; c < itn__channels(walk); c++)
             itn__weigh(walk, &walk->connection, &f, c, light_pdf);
         if (ITN__LANE(pdf, 0) > 0 && itn__is_lit(scene, walk->theta, within))
-            itn__connect(walk, ray->origin, &to, &event, ITN__LANE(through, 0),
+            itn__connect(walk, ray->origin, &to, &event, ITN__LANE(through, 0), NULL,
                          light_pdf / (light_pdf + ITN__LANE(pdf, 0)));
     }
     itn__choose_edge(walk, &site);
@@ -4607,9 +4891,15 @@ static int itn__meet_surface(itn__walk *walk, itn_ray *ray, const itn_hit *hit) 
     itn__ints good = itn__bsdf_sample(&site, u, &d, &f, &pdf, &through);
     if (!ITN__LANE(good, 0)) return 0;
     for (int c = 0; c < itn__channels(walk); c++) itn__weigh(walk, &walk->weight, &f, c, 1);
+    ray->direction = itn__normalize(itn__lane_vector(&d, 0));
+    float before = walk->pdf;
+    int hidden = !itn__is_lit(scene, walk->theta, walk->place.refracting) &&
+                 itn__links(scene, event.object);
     walk->pdf = site.edge ? INFINITY : ITN__LANE(pdf, 0);
     itn__leave_faces(scene, &walk->place, &event, ray->origin, ITN__LANE(through, 0));
-    ray->direction = itn__normalize(itn__lane_vector(&d, 0));
+    if (scene->cones && !site.edge)
+        walk->pdf = itn__pdf_behind(&site, 0, ray->direction, before, walk->pdf, hidden,
+                                    itn__is_lit(scene, walk->theta, walk->place.refracting));
     return 1;
 }
 
@@ -5867,6 +6157,26 @@ static void itn__share_lights(itn_scene *scene) {
     }
 }
 
+/* Makes the cones of [links], if there are smooth dielectrics, and a light that is hard to find by
+   chance. */
+#define ITN__SHARP .005 /* breadth */
+static itn_result itn__make_cones(itn__maker *maker) {
+    itn_scene *scene = maker->scene;
+    int smooth = 0, sharp = 0;
+    double power = 0;
+    for (int i = 0; i < scene->object_count; i++) smooth |= itn__links(scene, i);
+    for (int i = 0; i < scene->light_count; i++) {
+        const itn__light *light = &scene->lights[i];
+        sharp |= light->strength > 0 && light->breadth < ITN__SHARP;
+        power += (double)light->power * scene->parameters[light->parameter].value;
+    }
+    if (!smooth || !sharp) return ITN_OK;
+    scene->blur_unit = power > 0 ? ldexp(1, ilogb(power) - 24) : 1;
+    scene->cones = ITN__KEEP(itn__cones, scene->bvh->node_count + scene->bvh->leaf_count);
+    if (scene->cones) itn__fill_cones(scene);
+    return maker->result;
+}
+
 #ifndef ITN_NO_FAST
 
 /* Numbers k ... k + ITN__LANES - 1 of a lattice of ITN__GUIDE_DRAWS points, coordinate c. */
@@ -6319,6 +6629,7 @@ static ITN__COLD itn_result itn__create_scene(itn__maker *maker, const itn_conte
     if (!maker->result) maker->result = itn__bvh_build(scene->bvh, maker->error);
     for (int i = 0; i < scene->object_count && !maker->result; i++) itn__check_parts(maker, i);
     if (!maker->result) itn__share_lights(scene);
+    if (!maker->result) itn__make_cones(maker);
 #ifndef ITN_NO_FAST
     if (!maker->result) itn__make_guide(maker);
 #endif
@@ -6350,7 +6661,7 @@ typedef struct itn__worker {
     struct itn__crowd *crowd; /* of the fast walk */
     float *values; /* [planes] of a sample or, of the fast walk, [camera rays of a unit][planes], */
     double *set;   /* [sums] of the set that is being added up */
-    double collisions;
+    double collisions, blur;
 } itn__worker;
 
 /* What is asked for in a render, and what is known while it runs, see [render]. */
@@ -6931,6 +7242,7 @@ typedef struct itn__path {
     float x, y, eta;   /* place on a texture; index beyond over index before */
     itn__place place;
     struct itn__path *owner; /* of a shadow ray: its path; else itself */
+    itn__link link;          /* of a shadow ray */
     float *scores;           /* [count], to its last surface */
     int number, copies;      /* its camera ray in the unit; paths that it stands for */
     int mark;                 /* medium whose V it teaches ([value]), or 0; */
@@ -6971,6 +7283,7 @@ typedef struct itn__substance {
     int turns, turn[ITN__SHAPES]; /* how many of its shapes are asked for, and which */
     double moment[ITN__ORDERS], by[ITN__ORDERS][ITN__SHAPES]; /* A_l, and slopes */
     int lit; /* light may come straight into it; else */
+    int linked; /* or by links; else */
     float index, guided; /* its index, and the chance to be guided at its surface */
     itn__value value;
 } itn__substance;
@@ -6989,7 +7302,7 @@ typedef struct itn__crowd {
     int corners[(ITN__TILE + 1) * (ITN__TILE + 1)]; /* what is seen there, if it matters */
     float *scores;   /* of all paths and rays */
     double *lessons; /* [1 + medium_count][ITN__LESSON_SUMS], where V is learnt */
-    double collisions;
+    double collisions, blur;
 } itn__crowd;
 
 /* Whether camera rays of the unit have not been started yet. */
@@ -7641,7 +7954,9 @@ static int itn__pass_shadow(itn__crowd *crowd, itn__path *ray) {
     line.origin = ray->p, line.direction = ray->d;
     if (!arrives)
         ray->event = itn__meet_faces(render->scene, render->theta, &ray->place, &line, &ray->hit);
-    if (!arrives && ray->event.object >= 0) return 0;
+    int real = !arrives && ray->event.object >= 0;
+    if (real && !itn__is_linked(render->scene, render->theta, &ray->event, &ray->hit, &ray->link))
+        return 0;
     for (int c = 0; c < render->channels; c++) {
         if (substance) ray->beta[c] *= expf(-depth);
         largest = itn__max(largest, fabsf(ray->beta[c])); /* radiance may be negative */
@@ -7656,7 +7971,7 @@ static int itn__pass_shadow(itn__crowd *crowd, itn__path *ray) {
     itn__book(crowd, ray, substance);
     ray->p = itn__passed_point(render->scene->bvh, ray->p, ray->d, &ray->hit);
     itn__leave_faces(render->scene, &ray->place, &ray->event, ray->p, 1);
-    ray->distance = INFINITY;
+    ray->distance = INFINITY, ray->d = real ? ray->link.omega : ray->d;
     return 1;
 }
 
@@ -7669,20 +7984,7 @@ ITN__NOINLINE void itn__trace_shadows(itn__crowd *crowd) {
     }
 }
 
-/* Radiance in the film's channels, scaled by theta: of all lights that are sampled, and of the
-   others. */
-static void itn__sum_radiance(const itn_scene *scene, const float *theta, const itn__towards *to,
-                              itn__floats sampled[3], itn__floats plain[3]) {
-    int channels = scene->film.channels;
-    for (int k = 0; k < 3; k++) sampled[k] = plain[k] = itn__splat(0);
-    for (int i = 0; i < scene->light_count; i++) {
-        const itn__light *light = &scene->lights[i];
-        itn__floats rgb[3], *sum = light->share > 0 ? sampled : plain;
-        itn__light_models[light->kind].radiance(light, theta, channels, to, rgb);
-        for (int k = 0; k < channels; k++) sum[k] += theta[light->parameter] * rgb[k];
-    }
-}
-/* The same of directions; returns the density with which they would be drawn. */
+/* itn__sum_radiance of directions; returns the density with which they would be drawn. */
 ITN__NOINLINE itn__floats itn__meet_lights(const itn_scene *scene, const float *theta,
                                            const itn__vectors *d, itn__floats sampled[3],
                                            itn__floats plain[3]) {
@@ -7738,7 +8040,7 @@ static itn__path *itn__send_shadow(itn__crowd *crowd, const itn__state *s, int k
     if (crowd->ray_count == ITN__CROWD) itn__trace_shadows(crowd);
     itn__path *ray = &crowd->rays[crowd->ray_count];
     memset(&ray->control, 0, (size_t)(crowd->render->rows - ITN__FEW_ROWS) * sizeof(float));
-    ray->owner = path, ray->place = path->place, ray->distance = reach;
+    ray->owner = path, ray->place = path->place, ray->distance = reach, ray->link.facet = -1;
     ray->pdf = ITN__LANE(draw->level, k);
     ray->scores = crowd->scores + (size_t)(ITN__CROWD + crowd->ray_count++) * count;
     ray->p = itn__lane_vector(&s->p, k), ray->d = itn__lane_vector(&draw->direction, k);
@@ -7779,6 +8081,21 @@ static itn__ints itn__roulette_lanes(const itn__crowd *crowd, int substance, itn
     return mask & ~(low & ~survives);
 }
 
+/* A shadow ray of a collision in lane k, with the phase function p and its slopes. */
+static void itn__shadow_of_collision(itn__crowd *crowd, int substance, const itn__state *s, int k,
+                                     const itn__light_draw *light, float reach, itn__floats p,
+                                     const itn__floats *slope, const itn__link *link) {
+    const itn__substance *medium = &crowd->render->substances[substance];
+    itn__path *ray = itn__send_shadow(crowd, s, k, light, reach);
+    itn__leave_behind(&ray->place);
+    if (link) ray->link = *link, ray->d = link->d;
+    ray->flights = ITN__LANE(s->flights, k), ray->hits = ITN__LANE(s->hits, k);
+    for (int t = 0; t < medium->turns; t++)
+        ray->turns[t][0] = ITN__LANE(s->turns[t][0], k) +
+                           ITN__LANE(slope[medium->turn[t]], k) / ITN__LANE(p, k);
+    itn__book(crowd, ray, substance);
+}
+
 /* Shadow rays of collisions in the mask's lanes; those that stay in the free space around end at
    once. */
 static void itn__light_collisions(itn__crowd *crowd, int substance, itn__state *s, itn__ints mask,
@@ -7796,13 +8113,59 @@ static void itn__light_collisions(itn__crowd *crowd, int substance, itn__state *
                                              light.direction, &q));
     for (; bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
-        itn__path *ray = itn__send_shadow(crowd, s, k, &light, ITN__LANE(reach, k));
-        itn__leave_behind(&ray->place);
-        ray->flights = ITN__LANE(s->flights, k), ray->hits = ITN__LANE(s->hits, k);
-        for (int t = 0; t < medium->turns; t++)
-            ray->turns[t][0] = ITN__LANE(s->turns[t][0], k) +
-                               ITN__LANE(slope[medium->turn[t]], k) / ITN__LANE(p, k);
-        itn__book(crowd, ray, substance);
+        itn__shadow_of_collision(crowd, substance, s, k, &light, ITN__LANE(reach, k), p, slope,
+                                 NULL);
+    }
+}
+
+/* Shadow rays of collisions that go by links. What these can bring at most says how far: d is not
+   further from omega than at grazing light, where d . omega = 1 / eta. */
+static void itn__link_collisions(itn__crowd *crowd, int substance, itn__state *s, itn__ints mask,
+                                 const itn__free_space *space) {
+    const itn__substance *medium = &crowd->render->substances[substance];
+    float off = sqrtf(2 - 2 / medium->index), inverse2 = 1 / (medium->index * medium->index);
+    itn__floats zero = itn__splat(0), slope[ITN__SHAPES], x, y;
+    itn__vectors old = s->d;
+    itn__light_draw light;
+    itn__sample_lights(crowd, s, &mask, &light);
+    x = itn__root(2 * itn__vone_minus_cosine(old, light.direction)) - off;
+    y = itn__root(2 * itn__vone_minus_cosine(old, itn__vscale(light.direction, itn__splat(-1))));
+    x = itn__most(x, zero), y = itn__most(y - off, zero);
+    itn__floats most = itn__phase_density(&medium->phase, .5f * x * x, .5f * y * y, slope);
+    most = most * inverse2;
+    const itn__floats f[3] = {most, most, most};
+    unsigned bits = itn__cut_shadows(crowd, s, mask, f, zero, &light);
+    itn__floats reach = light.depth * medium->mean_free_path;
+    itn__vectors r = itn__valong(s->p, itn__splat(-1), space->centre);
+    itn__floats room = space->half - itn__most(itn__absolute(r.x), itn__most(itn__absolute(r.y),
+                                                                          itn__absolute(r.z)));
+    bits &= ~itn__mask_bits(itn__less(reach, room) &
+                            itn__less(space->np + itn__root(itn__vdot(space->n, space->n)) * reach,
+                                      space->below));
+    itn__light_draw through = light;
+    for (; bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits);
+        itn__search search;
+        itn__link link;
+        itn__search_begin(&search, crowd->render->scene, itn__lane_vector(&s->p, k),
+                          itn__lane_vector(&light.direction, k), medium->index,
+                          ITN__LANE(reach, k));
+        while (itn__next_link(&search, &link)) {
+            itn__vectors d = itn__splat_vector(link.d);
+            x = itn__vone_minus_cosine(old, d);
+            y = itn__vone_minus_cosine(old, itn__vscale(d, itn__splat(-1)));
+            itn__floats p = itn__phase_density(&medium->phase, x, y, slope);
+            float q = ITN__LANE(light.pdf, k), density = ITN__LANE(p, k) * link.scale, large = 0;
+            float weight = density * link.share * q / (q + density) / ITN__LANE(most, k);
+            for (int c = 0; c < crowd->render->channels; c++) {
+                float bring = weight * ITN__LANE(light.radiance[c], k);
+                ITN__LANE(through.radiance[c], k) = bring, large = itn__max(large, bring);
+            }
+            if (!(large > ITN__LANE(light.level, k))) continue;
+            large = logf(large / ITN__LANE(light.level, k)) * medium->mean_free_path;
+            itn__shadow_of_collision(crowd, substance, s, k, &through, large, p, slope,
+                                     &link);
+        }
     }
 }
 
@@ -7874,6 +8237,7 @@ static itn__ints itn__collide(itn__crowd *crowd, int substance, itn__state *s, i
     }
     mask &= alive;
     if (medium->lit) itn__light_collisions(crowd, substance, s, mask, space);
+    else if (medium->linked) itn__link_collisions(crowd, substance, s, mask, space);
     else if (render->scene->last_sampled >= 0) s->dimension += itn__splat_int(3) & mask;
     itn__floats u = itn__draw(crowd, s, mask), v = itn__draw(crowd, s, mask);
     s->d = itn__vselect(mask, itn__phase_turn(&medium->phase, d, u, v, &x, &y), d);
@@ -8129,7 +8493,7 @@ static void itn__scatter_lanes(itn__crowd *crowd, int number, itn__state *s, itn
     itn__site site;
     itn__factor f;
     int k;
-    itn__floats x = itn__splat(0), y = x;
+    itn__floats x = itn__splat(0), y = x, before = s->pdf;
     int textured = surface->texture != ITN_TEXTURE_NONE;
     itn__site_make(&site, surface, render->theta, render->channels, &s->up, NULL, &s->d);
     memset(site.axes, 0, sizeof site.axes), memset(site.at, 0, sizeof site.at);
@@ -8155,12 +8519,23 @@ static void itn__scatter_lanes(itn__crowd *crowd, int number, itn__state *s, itn
     for (k = 0; k < render->channels; k++) s->beta[k] = s->beta[k] * f.value[k];
     itn__floats turned = itn__select(through, itn__splat(1), itn__splat(-1)); /* if thrown back, */
     s->up = itn__vscale(s->up, turned), s->level = s->level * turned; /* behind the normal */
+    for (unsigned bits = itn__mask_bits(good); bits; bits &= bits - 1) {
+        k = itn__lowest_bit(bits);
+        itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
+        int linked = render->substances[itn__substance_of(render, &path->place)].linked &&
+                     itn__links(render->scene, path->event.object);
+        itn__leave_faces(render->scene, &path->place, &path->event, path->p,
+                         ITN__LANE(through, k));
+        if (!render->scene->cones) continue;
+        int lit = itn__is_lit(render->scene, render->theta, path->place.refracting);
+        ITN__LANE(s->pdf, k) = itn__pdf_behind(&site, k, itn__lane_vector(&s->d, k),
+                                               ITN__LANE(before, k), ITN__LANE(s->pdf, k),
+                                               linked, lit);
+    }
     itn__copy_rows(crowd, s, itn__mask_bits(good), 1);
     for (unsigned bits = itn__mask_bits(good); bits; bits &= bits - 1) {
         itn__path *path;
         k = itn__lowest_bit(bits), path = &crowd->paths[ITN__LANE(s->slot, k)];
-        itn__leave_faces(render->scene, &path->place, &path->event, path->p,
-                         ITN__LANE(through, k));
         itn__book(crowd, path, 0);
         itn__book_factor(render, path->scores, &f, k);
         itn__depart(crowd, path);
@@ -8192,6 +8567,26 @@ static void itn__escape_path(itn__crowd *crowd, itn__path *path, float mis, cons
     itn__end(crowd, path, 0);
 }
 
+/* What paths that have left by a way without links see blurred, as in itn__escape. */
+static void itn__see_blurred(itn__crowd *crowd, itn__state *s, itn__ints mask) {
+    itn__light_draw light;
+    unsigned bits = itn__mask_bits(mask);
+    if (bits) itn__sample_lights(crowd, s, &mask, &light);
+    for (; bits; bits &= bits - 1) {
+        int k = itn__lowest_bit(bits);
+        itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
+        itn_vec3 d = path->d;
+        float scale = (float)path->copies / (ITN__LANE(light.pdf, k) + ITN__LOST), value[3];
+        path->d = itn__lane_vector(&light.direction, k);
+        for (int c = 0; c < 3; c++)
+            value[c] = path->beta[c] * scale * ITN__LANE(light.radiance[c], k);
+        float blur = itn__seen_blurred(crowd->render->scene, path->d, d, value, &crowd->blur);
+        for (int c = 0; c < 3; c++) value[c] *= blur;
+        if (blur > 0) itn__bring_home(crowd, path, 1, 0, value);
+        path->d = d;
+    }
+}
+
 /* Paths that have left: adds the lights in their directions, as itn__escape. */
 static void itn__sky_lanes(itn__crowd *crowd, int number, itn__state *s, itn__ints mask) {
     const itn__render *render = crowd->render;
@@ -8201,9 +8596,10 @@ static void itn__sky_lanes(itn__crowd *crowd, int number, itn__state *s, itn__in
     for (int c = 0; c < 3; c++)
         plain[c] = itn__splat(render->constant[c]), sampled[c] = itn__splat(0);
     if (!render->only_constant) {
-        mis = s->pdf / (s->pdf + itn__meet_lights(render->scene, render->theta, &s->d,
-                                                  sampled, plain));
-        mis = itn__select(itn__less(s->pdf, itn__splat(INFINITY)), mis, itn__splat(1));
+        itn__floats own = itn__absolute(s->pdf);
+        mis = own / (own + itn__meet_lights(render->scene, render->theta, &s->d, sampled, plain));
+        mis = itn__select(itn__less(own, itn__splat(INFINITY)), mis, itn__splat(1));
+        itn__see_blurred(crowd, s, mask & itn__less(s->pdf, itn__splat(0)));
     }
     for (; bits; bits &= bits - 1) {
         int k = itn__lowest_bit(bits);
@@ -8408,6 +8804,7 @@ static int itn__fast_know(itn__render *render) {
     }
     level /= 4 * (double)ITN__PI;
     render->shadow_cut = (float)(ITN__SHADOW_LEVEL * level) * brightest;
+    if (scene->cones) render->shadow_cut *= 3; /* links take longer */
     double constant = (double)itn__luminance(render->constant), guided = (double)scene->guided;
     guided = level > 0 ? guided * (level / (level + constant)) : 0; /* its part in all light */
     for (int i = 0; i < scene->object_count && scene->last_sampled >= 0; i++) {
@@ -8415,8 +8812,12 @@ static int itn__fast_know(itn__render *render) {
         itn__substance *at = &render->substances[1 + object->medium];
         at->lit |= !object->refracts || itn__is_lit(scene, theta, i);
         at->index = itn__ior(scene, theta, i);
+        at->linked = !at->lit && object->medium >= 0 && scene->cones != NULL;
+        for (int j = 0; j < i; j++) /* they share a medium: links want to know its index */
+            at->linked &= scene->objects[j].medium != object->medium ||
+                          itn__ior(scene, theta, j) == at->index;
         at->guided = ITN__GUIDED * (float)(sqrt(guided) * (at->lit ? at->moment[4] : 1));
-        if (at->lit && (render->count || at->guided < 6 * ITN__LEAST_GUIDED))
+        if (at->linked || (at->lit && (render->count || at->guided < 6 * ITN__LEAST_GUIDED)))
             at->guided = 0; /* it does not pay */
     }
     int knows = constant > ITN__KNOWN_LIGHT * level;
@@ -8712,7 +9113,7 @@ static void itn__walk_sample(const itn__render *render, itn__worker *worker, siz
     size_t width = (size_t)render->scene->film.width, channels = (size_t)render->channels;
     itn__sample_pixel(walk, render->options.seed, (int)(pixel % width), (int)(pixel / width),
                       sample);
-    worker->collisions = walk->collisions;
+    worker->collisions = walk->collisions, worker->blur = walk->blur;
     memcpy(worker->values, walk->radiance, channels * sizeof(float));
     memcpy(worker->values + channels, walk->derivative,
            channels * (size_t)walk->count * sizeof(float));
@@ -8741,7 +9142,7 @@ static void itn__do_unit(const itn__render *render, itn__worker *worker, itn__un
         memset(worker->values, 0, (size_t)rays * planes * sizeof(float));
         worker->crowd->unit = unit;
         itn__run_unit(worker->crowd);
-        worker->collisions = worker->crowd->collisions;
+        worker->collisions = worker->crowd->collisions, worker->blur = worker->crowd->blur;
     }
 #endif
     for (int ray = 0; ray < rays; ray++) {
@@ -8820,8 +9221,11 @@ static itn_result itn__do_tiles(itn__render *render, itn_error *error) {
             result = itn__fail(error, ITN_ERROR_CANCELLED, 0, "render: cancelled");
     }
     render->stats.paths += render->samples * render->walks;
-    for (int i = 0; i < render->worker_count && !result; i++)
+    for (int i = 0; i < render->worker_count && !result; i++) {
         render->stats.collisions += render->workers[i].collisions;
+        render->stats.blur += render->workers[i].blur * render->scene->blur_unit /
+                              (render->samples * render->walks);
+    }
     return result;
 }
 
