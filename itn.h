@@ -593,9 +593,9 @@ typedef struct itn_render_stats {
     double paths;      /* samples, in the fast walk times walks, whether or not they see anything */
     double collisions; /* scattering events in media */
     double blur; /* what the mean of the picture would change by if sharp lights behind smooth
-                    dielectrics were blurred twice as far (20 degrees) where they are: in light that
-                    is reflected inside before it scatters, or refracted more than once. Where this
-                    is not 0, it belongs to the error, besides variances */
+                    dielectrics were blurred twice as far where they are: in light that is reflected
+                    inside before it scatters, or refracted more than once, which is seen within 20
+                    degrees at 64 samples, 8 at 16384. It belongs to the error, with variances */
 } itn_render_stats;
 
 /* How to render; all zero is a choice that does well. */
@@ -4068,6 +4068,7 @@ typedef struct itn__walk {
     float radiance[3];              /* of this path */
     float *derivative;              /* [count][channels], of this path */
     double collisions, blur;        /* of all paths so far, for the record; blur in its unit */
+    float blur_cone;                /* see [links] */
 } itn__walk;
 
 /* 1 or 3; said this way, the compiler knows it too. */
@@ -4297,11 +4298,11 @@ static void itn__touch_texture(itn__walk *walk, const itn__corners *corners, int
    lights are split as if a shadow ray drew them, too, and chance had a density of ITN__LOST: that
    leaves of their radiance what chance finds with little noise. The rest, that of suns and bright
    texels, is blurred: a path that leaves in direction omega sees light that it draws in any
-   direction within ITN__BLUR degrees of omega, over their solid angle. How much the picture would
-   change if these were twice as many, is told to the caller (itn_render_stats). */
+   direction within an angle of ITN__BLUR of omega, over their solid angle. How much the picture
+   would change if it were twice as large is told to the caller (itn_render_stats). */
 
 #define ITN__LOST 2.f  /* per unit of solid angle */
-#define ITN__BLUR 20.f /* degrees */
+#define ITN__BLUR .35 /* radians, at 64 samples per pixel; as their number to the power of -1/6 */
 
 /* Of a node's children, or of a leaf's triangles; chord -1: light cannot come through. */
 typedef struct itn__cone {
@@ -4479,14 +4480,12 @@ static float itn__pdf_behind(const itn__site *site, int k, itn_vec3 d, float bef
 }
 
 /* How much of light that a path has drawn from omega, with radiance over density of `light` in its
-   channels, it sees in direction d. What doubling the angle would add goes to *sum, in whole units:
-   exact, in any order. */
+   channels, it sees in direction d, `once` being 1 - cos of the angle. What doubling that would add
+   goes to *sum, in whole units: exact, in any order. */
 static float itn__seen_blurred(const itn_scene *scene, itn_vec3 omega, itn_vec3 d,
-                               const float light[3], double *sum) {
-    const float half = .5f * ITN__BLUR * (ITN__PI / 180);
+                               float once, const float light[3], double *sum) {
     float x = .5f * itn__dot(itn__sub(omega, d), itn__sub(omega, d)), mean = 0;
-    float once = 2 * itn__square(sinf(half)), twice = 2 * itn__square(sinf(2 * half));
-    float blur = x < once ? 1 / (2 * ITN__PI * once) : 0;
+    float blur = x < once ? 1 / (2 * ITN__PI * once) : 0, twice = 2 * once * (2 - once);
     float change = (x < twice ? 1 / (2 * ITN__PI * twice) : 0) - blur;
     for (int c = 0; c < scene->film.channels; c++) mean += light[c] / (float)scene->film.channels;
     *sum += floor((double)(change * mean) / scene->blur_unit + .5);
@@ -4704,8 +4703,8 @@ static void itn__escape(itn__walk *walk, itn_vec3 direction) {
         float scale = 1 / (itn__connection_draw(walk, &seen) + own), light[3];
         itn__sum_radiance(walk->scene, walk->theta, &seen, all, others);
         for (int c = 0; c < 3; c++) light[c] = walk->weight.beta[c] * scale * ITN__LANE(all[c], 0);
-        scale *= itn__seen_blurred(walk->scene, itn__lane_vector(&seen.d, 0), direction, light,
-                                   &walk->blur);
+        scale *= itn__seen_blurred(walk->scene, itn__lane_vector(&seen.d, 0), direction,
+                                   walk->blur_cone, light, &walk->blur);
         itn__contribute(walk, &walk->weight, &seen, scale, 0);
     }
     if (walk->steps != 1 || background < 0) itn__contribute(walk, &walk->weight, &to, mis, 1);
@@ -6691,6 +6690,7 @@ typedef struct itn__render {
     itn__worker *workers;
     double *totals;      /* [height][width][sums][2]: sums of t, and of t^2 / n */
     double done, share;  /* of what progress is told: before this render, and in it */
+    float blur_cone;     /* 1 - cos of the angle of blurs, see [links] */
     itn_render_stats stats;
     /* of the fast walk: */
     const struct itn__voxels *voxels;
@@ -8580,7 +8580,8 @@ static void itn__see_blurred(itn__crowd *crowd, itn__state *s, itn__ints mask) {
         path->d = itn__lane_vector(&light.direction, k);
         for (int c = 0; c < 3; c++)
             value[c] = path->beta[c] * scale * ITN__LANE(light.radiance[c], k);
-        float blur = itn__seen_blurred(crowd->render->scene, path->d, d, value, &crowd->blur);
+        float blur = itn__seen_blurred(crowd->render->scene, path->d, d,
+                                       crowd->render->blur_cone, value, &crowd->blur);
         for (int c = 0; c < 3; c++) value[c] *= blur;
         if (blur > 0) itn__bring_home(crowd, path, 1, 0, value);
         path->d = d;
@@ -9002,6 +9003,8 @@ static itn_result itn__check_options(itn__render *render, itn_error *error) {
         if (samples > o->spp) o->spp = samples;
         render->samples += samples;
     }
+    double blur = ITN__BLUR * pow(64 * (double)render->pixels / render->samples, 1 / 6.);
+    render->blur_cone = (float)(1 - cos(blur));
     for (size_t i = 0; render->weights && i < render->pixels * (size_t)render->channels; i++)
         if (!itn__finite(render->weights[i]))
             return ITN__INVALID("render: value %d of weights or target is not finite", (int)i);
@@ -9046,6 +9049,7 @@ static int itn__walk_make(itn__walk *walk, itn__render *render, itn__texels *tex
     walk->scene = render->scene, walk->theta = render->theta, walk->slots = render->slots;
     walk->channels = render->channels, walk->count = walk->score_count = render->count;
     walk->max_scatter = render->options.max_scatter, walk->texels = texels;
+    walk->blur_cone = render->blur_cone;
     if (texels && texels->texture) walk->score_count += ITN__TOUCHES;
     for (int k = 0; k < render->count; k++) {
         int asked = render->parameters[k];

@@ -567,6 +567,7 @@ static void test_harmonics(void) {
     CHECK_CATCHES(check_harmonic_draws(1));
     CHECK_CATCHES(check_harmonic_pictures(1, 1e-3));
     CHECK_CATCHES(check_harmonic_walks(1.5));
+}
 
 /* What a half-space behind smooth glass of index 1.5 (albedo .9, g .4) sends into direction (.6,
    .8, 0) of a sun's light, if that scatters once. out[1] and [2]: its derivatives by albedo, g. */
