@@ -355,10 +355,10 @@ typedef struct itn_surface_desc {
     const itn_image *image; /* texture: planes as of a map light, values in [0,1], two rows or more;
                                its pixels lie in the middle of equal squares; copied */
     const itn_image *bump;   /* heights in scene units (luminance), in [-1e12,1e12], */
-    const itn_image *normal; /* or normals, 2 (R,G,B) - 1 along the tangent, across it (normal x
-                                tangent) and outwards; both as codes, if of a PNG file, and
-                                bilinear, repeated, of a blend for parts without. What is on one
-                                side of the face and on the other by its normal is lost */
+    const itn_image *normal; /* or normals, 2 (R,G,B) - 1 along the tangent, to where the second
+                                texture coordinate grows, and outwards; both as codes, if of a PNG
+                                file, and bilinear, repeated, of a blend for parts without. What is
+                                on one side of the face and on the other by its normal is lost */
     float bump_scale;        /* multiplies heights, in [0,1e12]; 0 = 1, */
     int has_bump_scale;      /* but as it is if this is 1 */
     const char *const *parts; /* blend: names of 1 to 4096 surfaces, no blends. One may be a
@@ -2208,9 +2208,9 @@ ITN__NOINLINE int itn__bvh_trace(const itn_bvh *bvh, const itn_ray *ray, const i
     itn_hit best;
     int32_t child = 0;
     int top = 0;
-    if (!(ray->tmin < ray->tmax) || !itn__shear_make(ray, &shear)) return 0;
+    if (!(ray->tmin < ray->tmax)) return 0;
     itn__slabs_make(&slabs, bvh, ray);
-    best.t = ray->tmax, best.triangle = -1;
+    best.t = ray->tmax, best.triangle = -1, shear.kz = -1;
     for (;;) {
         float enter[ITN__WIDE];
         unsigned entered = child < 0 ? 0 : itn__slabs_enter(&slabs, &bvh->nodes[child], enter);
@@ -2225,6 +2225,7 @@ ITN__NOINLINE int itn__bvh_trace(const itn_bvh *bvh, const itn_ray *ray, const i
             child = children[nearest];
             continue;
         }
+        if (child < 0 && shear.kz < 0 && !itn__shear_make(ray, &shear)) return 0;
         if (child < 0 && itn__pack_hit(&bvh->packs[~child], &shear, ray->tmin, sides, &best)) {
             if (any) return 1;
             slabs.end = itn__widen(best.t);
@@ -4195,7 +4196,7 @@ static void itn__site_orient(itn__site *site, int k, const itn_scene *scene,
     }
     float turned = itn__dot(n, itn__cross(gradient[0], gradient[1])) < 0 ? -1.f : 1.f;
     axes[3] = itn__direction(itn__scale(itn__cross(gradient[1], n), turned));
-    axes[0] = itn__scale(axes[3], side), axes[1] = itn__cross(n, axes[3]);
+    axes[0] = itn__scale(axes[3], side), axes[1] = itn__scale(itn__cross(n, axes[0]), turned);
     if (surface->tilted == 1) {
         axes[0] = itn__scale(gradient[0], -side * (float)surface->tilt_width);
         axes[1] = itn__scale(gradient[1], side * (float)surface->tilt_height);
@@ -7298,6 +7299,7 @@ typedef struct itn__crowd {
     itn__queue exact, sky;
     itn__queue *walk, *surface;    /* per substance; per surface */
     float *radiance; /* [camera rays of a unit][planes] */
+    uint32_t scramble; /* of the set at hand */
     float film[2][ITN__LANES]; /* places on the film of some samples of the pixel at hand; */
     int corners[(ITN__TILE + 1) * (ITN__TILE + 1)]; /* what is seen there, if it matters */
     float *scores;   /* of all paths and rays */
@@ -8389,35 +8391,50 @@ static void itn__book_factor(const itn__render *render, float *scores, const itn
     }
 }
 
-/* A path has come to path->hit within or around a substance: it goes to the surface's queue, or
-   through an index-matched boundary. */
-static void itn__meet(itn__crowd *crowd, int substance, itn__path *path) {
-    const itn__render *render = crowd->render;
-    const itn_scene *scene = render->scene;
-    itn__rng rng = {(uint32_t)path->key0, (uint32_t)path->key1, (uint32_t)path->dimension};
-    itn__factor f;
+/* A path comes to path->hit within or around a substance: finds the faces there. One without a
+   normal ends the path; then returns 0. */
+static int itn__arrive(itn__crowd *crowd, int substance, itn__path *path) {
+    const itn_scene *scene = crowd->render->scene;
     itn_ray ray;
     ray.origin = path->p, ray.direction = path->d;
     if (!itn__hit_normal(scene->bvh, &path->hit, path->d, &path->up)) {
         itn__end(crowd, path, substance);
-        return;
+        return 0;
     }
     itn__pass(crowd, path, substance, itn__max(path->hit.t, 0));
-    path->event = itn__meet_faces(scene, render->theta, &path->place, &ray, &path->hit);
-    const itn__surface *surface = itn__surface_met(scene, render->theta, render->slots,
-                                                   &path->place, &rng, &path->event, &f,
-                                                   &path->pdf);
+    path->event = itn__meet_faces(scene, crowd->render->theta, &path->place, &ray, &path->hit);
+    return 1;
+}
+
+/* The part of a blend that scatters a path there; NULL: none. */
+static const itn__surface *itn__part_met(itn__crowd *crowd, itn__path *path) {
+    const itn__render *render = crowd->render;
+    itn__rng rng = {(uint32_t)path->key0, (uint32_t)path->key1, (uint32_t)path->dimension};
+    itn__factor f;
+    const itn__surface *part = itn__surface_met(render->scene, render->theta, render->slots,
+                                                &path->place, &rng, &path->event, &f, &path->pdf);
     path->dimension = (int32_t)rng.dimension;
     for (int c = 0; c < render->channels; c++) path->beta[c] *= ITN__LANE(f.value[c], 0);
     itn__book_factor(render, path->scores, &f, 0);
-    if (path->event.object >= 0 && !surface) {
+    return part;
+}
+
+/* The path goes to the surface's queue, or through an index-matched boundary. */
+static void itn__meet(itn__crowd *crowd, itn__path *path) {
+    const itn__render *render = crowd->render;
+    const itn_scene *scene = render->scene;
+    const itn__object *object = path->event.object < 0 ? NULL : &scene->objects[path->event.object];
+    const itn__surface *surface = object ? &scene->surfaces[object->surface] : NULL;
+    itn_vec3 origin = path->p;
+    if (surface && surface->part_count) surface = itn__part_met(crowd, path);
+    if (!surface && path->event.object >= 0) {
         itn__end(crowd, path, 0);
         return;
     }
     path->p = itn__hit_point(scene->bvh, &path->hit);
     path->level = itn__dot(path->up, path->p);
     if (path->event.object < 0) {
-        path->p = itn__passed_point(scene->bvh, ray.origin, ray.direction, &path->hit);
+        path->p = itn__passed_point(scene->bvh, origin, path->d, &path->hit);
         itn__leave_faces(scene, &path->place, &path->event, path->p, 1);
         itn__depart(crowd, path);
         return;
@@ -8425,8 +8442,7 @@ static void itn__meet(itn__crowd *crowd, int substance, itn__path *path) {
     path->eta = itn__ior(scene, render->theta, path->event.after) /
                 itn__ior(scene, render->theta, path->place.refracting);
     if (surface->texture != ITN_TEXTURE_NONE)
-        itn__texture_place(scene, &scene->objects[path->event.object], surface, &path->hit,
-                           path->p, &path->x, &path->y);
+        itn__texture_place(scene, object, surface, &path->hit, path->p, &path->x, &path->y);
     itn__enqueue(crowd, &crowd->surface[surface - scene->surfaces], path);
 }
 
@@ -8438,10 +8454,14 @@ ITN__NOINLINE void itn__run_exact(itn__crowd *crowd, int substance) {
     if (substance) itn__find_hits(crowd);
     for (int i = 0; i < crowd->exact.count; i++) {
         itn__path *path = &crowd->paths[crowd->exact.slots[i]];
-        itn_vec3 end = itn__along(path->p, path->distance, path->d);
         if (!substance) itn__find_hit(scene, path);
+        ITN__PREFETCH_FAR(&scene->bvh->triangles[path->hit.triangle < 0 ? 0 : path->hit.triangle]);
+    }
+    for (int i = 0; i < crowd->exact.count; i++) {
+        itn__path *path = &crowd->paths[crowd->exact.slots[i]];
+        itn_vec3 end = itn__along(path->p, path->distance, path->d);
         if (path->hit.triangle >= 0) {
-            itn__meet(crowd, substance, path);
+            if (itn__arrive(crowd, substance, path)) itn__meet(crowd, path);
         } else if (!substance) {
             itn__enqueue(crowd, &crowd->sky, path);
         } else if (itn__within(scene, end)) {
@@ -8628,29 +8648,37 @@ static void itn__run_lanes(itn__crowd *crowd, itn__queue *queue, int number,
 
 /* The paths of a camera ray share what it meets; one that meets nothing has one for all. */
 
-/* Starts a path of a sample of a pixel, by walk number `walk`, behind the two random numbers of its
-   place in the pixel. */
-static itn__path *itn__start_path(itn__crowd *crowd, size_t pixel, int sample, int walk) {
+/* Gives a path the random numbers of walk number `walk` of a sample of a pixel, behind the two of
+   its place in the pixel. */
+static void itn__seed_path(const itn__crowd *crowd, itn__path *path, size_t pixel, int sample,
+                           int walk) {
+    const itn__render *render = crowd->render;
+    itn__rng rng = itn__rng_make(render->options.seed, pixel,
+                                 (uint64_t)(sample * render->walks + walk));
+    path->index = sample % render->set * render->walks + walk;
+    path->scramble = (int32_t)crowd->scramble;
+    path->key0 = (int32_t)rng.key0, path->key1 = (int32_t)rng.key1, path->dimension = 2;
+}
+
+/* Takes an unused path: one at the camera, or like another. */
+static itn__path *itn__start_path(itn__crowd *crowd, const itn__path *like) {
     const itn__render *render = crowd->render;
     itn__path *path = &crowd->paths[crowd->unused[--crowd->unused_count]];
-    uint64_t seed = render->options.seed;
-    itn__rng rng = itn__rng_make(seed, pixel, (uint64_t)(sample * render->walks + walk));
-    itn__rng set = itn__rng_make(~seed, pixel, (uint64_t)(sample / render->set));
-    memset(path, 0, offsetof(itn__path, hit));
-    path->owner = path, path->place = render->camera, path->mark = 0;
-    path->scores = crowd->scores + (size_t)(path - crowd->paths) * (size_t)render->count;
-    for (int k = 0; k < render->count; k++) path->scores[k] = 0;
+    float *scores = crowd->scores + (size_t)(path - crowd->paths) * (size_t)render->count;
+    if (like) *path = *like;
+    else memset(path, 0, offsetof(itn__path, hit));
+    path->owner = path, path->scores = scores, path->mark = 0;
+    for (int k = 0; k < render->count; k++) scores[k] = like ? like->scores[k] : 0;
+    if (like) return path;
     for (int c = 0; c < 3; c++) {
         int exposure = render->scene->camera.exposure[c];
         path->beta[c] = 1;
         if (render->count && render->slots[exposure] >= 0)
-            path->scores[render->slots[exposure]] = 1 / render->theta[exposure];
+            scores[render->slots[exposure]] = 1 / render->theta[exposure];
     }
     path->number = crowd->unit.next, path->copies = 1, path->pdf = INFINITY, path->relief = 1;
     path->up.y = 1; /* some plane, for paths that begin in a medium */
-    path->index = sample % render->set * render->walks + walk;
-    path->scramble = (int32_t)set.key0;
-    path->key0 = (int32_t)rng.key0, path->key1 = (int32_t)rng.key1, path->dimension = 2;
+    path->place = render->camera, path->distance = INFINITY, path->hit.triangle = -1;
     return path;
 }
 
@@ -8673,13 +8701,13 @@ static void itn__see_through(itn__crowd *crowd, itn__path *path, int copies) {
 /* Starts those paths of a sample that share camera ray number `ray` of `rays`. */
 static void itn__start_ray(itn__crowd *crowd, size_t pixel, int sample, int ray, int rays) {
     const itn__render *render = crowd->render;
-    int width = render->scene->film.width;
-    itn__path *path = itn__start_path(crowd, pixel, sample, ray);
+    int width = render->scene->film.width, sobol = render->options.sampler == ITN_SAMPLER_SOBOL;
+    itn__path *path = itn__start_path(crowd, NULL);
+    itn__seed_path(crowd, path, pixel, sample, ray);
     int index = rays > 1 ? path->index : sample % render->set, lane = index % ITN__LANES;
     int begins = !lane || (!ray && crowd->unit.next % crowd->unit.count == 0);
     itn__ints all = itn__lane_numbers() + itn__splat_int(index - lane);
     itn__rng rng = {(uint32_t)path->key0, (uint32_t)path->key1, 0};
-    int sobol = render->options.sampler == ITN_SAMPLER_SOBOL;
     float u[2];
     for (int k = 0; k < 2; k++) { /* a vector of samples at a time */
         if (sobol && begins)
@@ -8689,19 +8717,19 @@ static void itn__start_ray(itn__crowd *crowd, size_t pixel, int sample, int ray,
     }
     itn_ray line = itn__camera_ray(render->scene, (int)(pixel % (size_t)width),
                                    (int)(pixel / (size_t)width), u[0], u[1]);
-    path->p = line.origin, path->d = line.direction, path->distance = INFINITY;
-    path->hit.triangle = -1;
+    path->p = line.origin, path->d = line.direction;
     if (render->outside) itn__find_hit(render->scene, path);
-    itn_hit hit = path->hit;
-    if (render->outside && hit.triangle < 0) {
+    if (render->outside && path->hit.triangle < 0) {
         itn__see_through(crowd, path, render->walks / rays);
         return;
     }
+    if (render->outside && !itn__arrive(crowd, 0, path)) return;
     for (int walk = ray; walk < render->walks; walk += rays) {
-        if (walk > ray) path = itn__start_path(crowd, pixel, sample, walk);
-        path->p = line.origin, path->d = line.direction, path->hit = hit;
-        if (render->outside) itn__meet(crowd, 0, path);
+        itn__path *next = walk + rays < render->walks ? itn__start_path(crowd, path) : NULL;
+        if (render->outside) itn__meet(crowd, path);
         else itn__depart(crowd, path);
+        path = next;
+        if (next) itn__seed_path(crowd, next, pixel, sample, walk + rays);
     }
 }
 
@@ -8728,6 +8756,9 @@ static void itn__start_sample(itn__crowd *crowd) {
     int sample = itn__unit_sample(crowd->render, unit, unit->next, &pixel);
     if (corner[0] != corner[1] || corner[0] != corner[row] || corner[0] != corner[row + 1])
         rays = crowd->render->walks;
+    if (unit->next % unit->count == 0 || sample % crowd->render->set == 0)
+        crowd->scramble = itn__rng_make(~crowd->render->options.seed, pixel,
+                                        (uint64_t)(sample / crowd->render->set)).key0;
     for (int ray = 0; ray < rays && sample >= 0; ray++)
         itn__start_ray(crowd, pixel, sample, ray, rays);
     crowd->unit.next++;
