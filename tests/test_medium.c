@@ -5,6 +5,8 @@
 #include "../itn.h"
 #include "check.h"
 #include "one.h"
+#include "solids.h"
+#include "stage.h"
 
 static const double medium_pi = 3.14159265358979323846;
 static const float all_g[17] = {0,    1e-7f,  -1e-7f, 1e-4f, -1e-4f, .3f,   -.3f,  .6f,  -.6f,
@@ -296,6 +298,98 @@ static void test_mixtures(void) {
         CHECK_CATCHES(check_mixture(&mixtures[9], planted));
 }
 
+/* A sphere in the light of a patch (map) or of a constant; boundary 1: frosted. */
+static itn_scene *lobes_scene(const itn_mesh *mesh, const itn_image *map, int boundary,
+                              const itn_lobe_desc *lobes, int count) {
+    stage s;
+    stage_begin(&s, 12, 3, 40);
+    itn_medium_desc *medium = stage_medium(&s, "m", 3, .9, 0);
+    medium->phase = count ? ITN_PHASE_MIX : ITN_PHASE_VMF, medium->kappa = 6;
+    medium->lobe_count = count;
+    for (int k = 0; k < count; k++) medium->lobes[k] = lobes[k];
+    if (boundary) stage_dielectric(&s, "glass", 1.3, .2);
+    stage_object(&s, mesh, "m", boundary ? "glass" : NULL);
+    if (map) stage_map(&s, "light", map);
+    else stage_constant(&s, "light", 1);
+    return stage_make(&s);
+}
+
+/* Means over the picture of light and derivatives by m's parameters, and their variances. */
+static int lobes_means(const itn_scene *scene, const float *theta, itn_mode mode, int scatter,
+                       double *mean, double *variance) {
+    itn_render_options options = ITN_ZERO;
+    itn_image image;
+    itn_error error;
+    int parameters[9], count = 0, size = 12 * 12;
+    options.mode = mode, options.spp = 64, options.max_scatter = scatter;
+    for (int k = 0; k < itn_parameter_count(scene); k++)
+        if (!strncmp(itn_parameter_get(scene, k)->name, "m.", 2)) parameters[count++] = k;
+    stage_need(itn_render(scene, theta, &options, parameters, count, &image, &error), &error);
+    for (int k = 0; k <= count; k++) {
+        mean[k] = variance[k] = 0;
+        for (int i = 0; i < size; i++) {
+            mean[k] += (double)image.pixels[2 * k * size + i] / size;
+            variance[k] += (double)image.pixels[(2 * k + 1) * size + i] / size / size;
+        }
+    }
+    itn_image_free(&image);
+    return count;
+}
+
+static const itn_lobe_desc two_lobes[3] = {
+    {ITN_PHASE_HG, .7f, .5f}, {ITN_PHASE_VMF, 3, .3f}, {ITN_PHASE_HG, -.4f, .2f}};
+
+/* Both walks agree in pictures and derivatives, within dielectrics (guided) and in constant light
+   (control variate). planted: the reference has another shape. */
+static void check_lobe_walks(int boundary, int constant, int count, float planted) {
+    itn_mesh mesh = solids_sphere(1, 3);
+    itn_image map = stage_patch(1, .3, .3, 20);
+    itn_scene *scene = lobes_scene(&mesh, constant ? NULL : &map, boundary, two_lobes, count);
+    double mean[2][10], variance[2][10];
+    float theta[32];
+    itn_parameter_values(scene, theta);
+    lobes_means(scene, theta, ITN_MODE_FAST, 0, mean[0], variance[0]);
+    theta[itn_parameter_find(scene, count ? "m.weight1" : "m.kappa")] += planted;
+    int n = lobes_means(scene, theta, ITN_MODE_REFERENCE, 0, mean[1], variance[1]);
+    CHECK(n == (count ? 2 * count + 1 : 3));
+    for (int k = 0; k <= n; k++)
+        CHECK_MEAN(mean[0][k], sqrt(variance[0][k] + variance[1][k]), mean[1][k], 4.5, INFINITY);
+    itn_scene_free(scene), itn_image_free(&map), itn_mesh_free(&mesh);
+}
+
+/* Derivatives of a picture of single scattering by differences of pictures by the same paths. */
+static void check_lobe_slopes(double planted) {
+    itn_mesh mesh = solids_sphere(1, 3);
+    itn_image map = stage_patch(1, .3, .3, 20);
+    for (int count = 0; count <= 3; count += 3) {
+        itn_scene *scene = lobes_scene(&mesh, &map, 0, two_lobes, count);
+        double mean[3][10], variance[3][10];
+        float theta[32];
+        itn_parameter_values(scene, theta);
+        int n = lobes_means(scene, theta, ITN_MODE_REFERENCE, 1, mean[0], variance[0]);
+        for (int k = 3; k <= n; k++) { /* shapes: behind sigma_t and albedo */
+            float *value = &theta[itn_parameter_find(scene, "m.albedo") + k - 2], own = *value;
+            float step = itn_parameter_get(scene, (int)(value - theta))->upper > 1 ? .3f : .05f;
+            *value = own + step, lobes_means(scene, theta, ITN_MODE_REFERENCE, 1, mean[1],
+                                             variance[1]);
+            *value = own - step, lobes_means(scene, theta, ITN_MODE_REFERENCE, 1, mean[2],
+                                             variance[2]);
+            *value = own;
+            CHECK_NEAR((mean[1][0] - mean[2][0]) / (2 * step), mean[0][k] * (1 + planted),
+                       .03 * fabs(mean[0][k]) + 3 * sqrt(variance[0][k]));
+        }
+        itn_scene_free(scene);
+    }
+    itn_image_free(&map), itn_mesh_free(&mesh);
+}
+
+static void test_lobe_pictures(void) {
+    for (int k = 0; k < 8; k++) check_lobe_walks(k & 1, k & 2, k & 4 ? 3 : 0, 0);
+    check_lobe_slopes(0);
+    CHECK_CATCHES(check_lobe_walks(0, 0, 3, .2f));
+    CHECK_CATCHES(check_lobe_slopes(.5));
+}
+
 /* 1 - cos keeps its digits for small angles. */
 static void test_small_angles(void) {
     int k;
@@ -509,6 +603,7 @@ static void test_random_numbers(void) {
 int main(void) {
     test_phase();
     test_mixtures();
+    test_lobe_pictures();
     test_small_angles();
     test_flight();
     test_tails();

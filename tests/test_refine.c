@@ -2275,6 +2275,55 @@ static void test_overflow(void) {
     itn_mesh_free(&mesh);
 }
 
+/* A search finds kappa, or both lobes of a mixture, from a picture by a sun: an eye in the cloud's
+   edge sees it scattered by all angles. planted: what was hidden is taken for something else. */
+static void test_lobes(int mixture, double planted) {
+    static const char *const names[2][3] = {{"m.kappa"}, {"m.g1", "m.weight1", "m.g2"}};
+    const int count = mixture ? 3 : 1;
+    itn_mesh mesh = solids_sphere(1, 3);
+    itn_refine_options options = ITN_ZERO;
+    itn_refine_outcome outcome;
+    itn_estimate estimates[3];
+    itn_image image;
+    itn_error error;
+    float theta[32], hidden[3];
+    int parameters[3], k;
+    itn_scene *scene;
+    stage s;
+    stage_begin(&s, 12, 1.05, 120);
+    itn_medium_desc *medium = stage_medium(&s, "m", .7, .9, 0);
+    medium->phase = mixture ? ITN_PHASE_MIX : ITN_PHASE_VMF, medium->kappa = 12;
+    medium->lobe_count = 2;
+    medium->lobes[0].shape = .8f, medium->lobes[0].weight = .7f;
+    medium->lobes[1].shape = -.3f, medium->lobes[1].weight = .3f;
+    stage_object(&s, &mesh, "m", NULL);
+    itn_light_desc *sky = stage_sky(&s, "light");
+    sky->sun_direction = solids_vec3(.6, .3, -.7), sky->sun_radius_scale = 20;
+    sky->sun_scale = 3, sky->has_scale = 1;
+    scene = stage_make(&s);
+    find_parameters(scene, names[mixture], count, parameters);
+    itn_render_options render = ITN_ZERO;
+    render.spp = 512, render.seed = 99;
+    stage_need(itn_render(scene, NULL, &render, NULL, 0, &image, &error), &error);
+    itn_parameter_values(scene, theta);
+    for (k = 0; k < count; k++) hidden[k] = theta[parameters[k]];
+    theta[parameters[0]] = mixture ? .5f : 3;
+    if (mixture) theta[parameters[1]] = .5f, theta[parameters[2]] = 0;
+    options.spp = 32, options.outcome = &outcome;
+    options.target_variance = image.pixels + 12 * 12;
+    stage_need(itn_refine(scene, theta, image.pixels, parameters, count, &options, estimates,
+                          &error), &error);
+    CHECK(outcome.explained);
+    for (k = 0; k < count; k++) {
+        double off = estimates[k].value - hidden[k] * (1 + planted);
+        CHECK(estimates[k].determined);
+        check_report(fabs(off) <= 4 * estimates[k].standard_error, __FILE__, __LINE__,
+                     "%s is %g +- %g, not %g", names[mixture][k], estimates[k].value,
+                     estimates[k].standard_error, (double)hidden[k]);
+    }
+    itn_image_free(&image), itn_scene_free(scene), itn_mesh_free(&mesh);
+}
+
 int main(void) {
 #ifdef ITN_SANITIZED
     int slow = 1;
@@ -2326,6 +2375,7 @@ int main(void) {
     test_allotments();
     test_eigen();
     test_words(0);
+    test_lobes(0, 0), test_lobes(1, 0);
     test_words_of_two(.3);
     test_idle();
     test_noisy();
@@ -2361,6 +2411,7 @@ int main(void) {
     CHECK_CATCHES(test_even_noise(1.5));
     CHECK_CATCHES(test_misfit_noise(6));
     CHECK_CATCHES(test_words(1));
+    CHECK_CATCHES(test_lobes(0, .2));
     CHECK_CATCHES(test_wrong_valley(-1, 1));
     CHECK_CATCHES(test_words_of_two(.5));
     CHECK_CATCHES(test_single_scattering(0));
