@@ -10,6 +10,7 @@
 #include <signal.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
+#include <sys/time.h>
 #include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
@@ -2069,14 +2070,14 @@ static int is_precious(const char *path) {
     return is;
 }
 
-/* Files of 300 bytes at most, as on a disk that is nearly full; 0: of any size. */
-static void limit_files(int limited) {
+/* Files of so many bytes at most, as on a disk that is nearly full; -1: of any size. */
+static void limit_files(int most) {
     static struct rlimit before;
     struct rlimit limit;
-    if (limited) getrlimit(RLIMIT_FSIZE, &before);
+    if (most >= 0) getrlimit(RLIMIT_FSIZE, &before);
     limit = before;
-    if (limited) limit.rlim_cur = 300;
-    signal(SIGXFSZ, limited ? SIG_IGN : SIG_DFL);
+    if (most >= 0) limit.rlim_cur = (rlim_t)most;
+    signal(SIGXFSZ, most >= 0 ? SIG_IGN : SIG_DFL);
     CHECK(setrlimit(RLIMIT_FSIZE, &limit) == 0);
 }
 
@@ -2096,9 +2097,9 @@ static void test_disk(void) {
         CHECK(!access("/dev/full", W_OK));
     }
     CHECK(write_file("/dev/null", "x", 1, &error) == ITN_OK);
-    limit_files(1);
+    limit_files(300);
     CHECK(itn_image_save_exr(&image, old, &error) == ITN_ERROR_FILE);
-    limit_files(0);
+    limit_files(-1);
     CHECK(strstr(error.message, "cannot write") && !temporaries(old) && is_precious(old));
     CHECK(itn__read_file(old, 7, NULL, &file, &error) == ITN_ERROR_FILE && !file.bytes);
     CHECK(itn_image_save_exr(&image, directory, &error) == ITN_ERROR_FILE); /* a directory */
@@ -2176,6 +2177,112 @@ static void check_writers(int torn) {
     }
     CHECK(whole && done == WRITERS && !temporaries(path));
     free(bytes);
+}
+
+/* A disk that is full after any number of bytes: the file is the old one or, where all of it fits,
+   the new one. fits: a planted error of how many. */
+static itn_result save_any(int kind, const itn_image *image, const itn_net *net, const char *path) {
+    static float corners[9] = {0, 0, 0, 1, 0, 0, 0, 1, 0};
+    static int face[3] = {0, 1, 2};
+    itn_mesh mesh = ITN_ZERO;
+    mesh.positions = corners, mesh.triangles = face, mesh.vertex_count = 3, mesh.triangle_count = 1;
+    if (kind == 0) return itn_image_save_exr(image, path, NULL);
+    if (kind == 1) return itn_image_save_pfm(image, 0, 3, path, NULL);
+    if (kind == 2) return itn_image_save_png(image, 0, 3, ITN_PNG_TONE, 1, path, NULL);
+    if (kind == 3) return itn_mesh_save_ply(&mesh, path, NULL);
+    return itn_net_save(net, path, 0, NULL);
+}
+static void check_full_disk(int fits) {
+    const char *path = in_directory("kept.exr");
+    itn_image image = random_image(5, 4, 3, NULL);
+    itn_net_desc desc = ITN_ZERO;
+    itn_net *net = NULL;
+    struct stat state;
+    int times = 0;
+    desc.width = desc.height = 4, desc.layer_count = desc.outputs = 1, desc.first_channels = 2;
+    desc.channels = 1;
+    CHECK(itn_net_create(&desc, NULL, &net, NULL) == ITN_OK);
+    for (int kind = 0; kind < 5; kind++) {
+        CHECK(save_any(kind, &image, net, path) == ITN_OK && !stat(path, &state));
+        for (int size = (int)state.st_size, most = 0; most <= size; most += 1 + size / 40, times++) {
+            if (most > size - 1 - size / 40) most = size;
+            CHECK(write_file(path, "precious", 8, NULL) == ITN_OK);
+            limit_files(most);
+            itn_result result = save_any(kind, &image, net, path);
+            limit_files(-1);
+            CHECK(result == (most + fits < size ? ITN_ERROR_FILE : ITN_OK));
+            CHECK(result ? is_precious(path) : !stat(path, &state) && state.st_size == size);
+            CHECK(!temporaries(path));
+        }
+    }
+    printf("  a disk that is full: %d times, the old file each time\n", times);
+    itn_net_free(net), itn_image_free(&image);
+}
+
+/* Programs that are killed while they write: the file is the one before or the one after, and who
+   writes next is not in the way of what they left. */
+static void check_killed(int torn) {
+    enum { TIMES = 30, SIZE = 300000 };
+    const char *path = in_directory("old");
+    unsigned char *bytes = (unsigned char *)malloc(SIZE);
+    char name[200];
+    int left = 0;
+    fflush(stdout);
+    memset(bytes, 'a', SIZE);
+    for (int k = 0; k < TIMES; k++) {
+        itn__buffer file = ITN_ZERO;
+        struct timespec wait = {0, (long)(random_bits() % 2000000)};
+        CHECK(write_file(path, bytes, SIZE, NULL) == ITN_OK);
+        pid_t child = fork();
+        while (!child) memset(bytes, ++bytes[0], SIZE), write_file(path, bytes, SIZE, NULL);
+        nanosleep(&wait, NULL);
+        CHECK(!kill(child, SIGKILL) && waitpid(child, NULL, 0) == child);
+        int whole = itn__read_file(path, SIZE, NULL, &file, NULL) == ITN_OK && file.size == SIZE;
+        if (whole && torn) file.bytes[SIZE / 2] ^= 1;
+        for (int i = 1; whole && i < SIZE; i++) whole = file.bytes[i] == file.bytes[0];
+        CHECK(whole);
+        itn__buffer_free(&file);
+        for (int i = 0; i < 4; i++) {
+            snprintf(name, sizeof name, "%s.tmp%d", path, i);
+            if (k == TIMES - 1 || i) left += !unlink(name);
+        }
+    }
+    printf("  killed while writing: %d times, a whole file each time, %d temporaries left\n",
+           (int)TIMES, left);
+    free(bytes);
+}
+
+/* Signals all the time, which interrupt system calls: pictures and files are as without. */
+static volatile sig_atomic_t alarms;
+static const struct itimerval no_timer = {{0, 0}, {0, 0}};
+static void count_alarm(int signal) { (void)signal, alarms++; }
+static void check_signals(int planted) {
+    static const char text[] = "film width 8 height 8\ncamera eye 0 1 4 target 0 0 0\n"
+                               "surface s type diffuse reflectance .5\nobject plane surface s\n"
+                               "light constant radiance 1\n";
+    const char *path = in_directory("image.exr");
+    struct sigaction action, before;
+    struct itimerval often = {{0, 200}, {0, 200}};
+    itn_scene *scene = NULL;
+    itn_image first = ITN_ZERO, image = ITN_ZERO, read = ITN_ZERO;
+    int times = 0;
+    CHECK(!itn_scene_from_memory(text, sizeof text - 1, NULL, NULL, 0, NULL, &scene, NULL));
+    CHECK(!itn_render(scene, NULL, NULL, NULL, 0, &first, NULL));
+    first.pixels[5] += (float)planted;
+    memset(&action, 0, sizeof action), action.sa_handler = count_alarm; /* not SA_RESTART */
+    CHECK(!sigaction(SIGALRM, &action, &before) && !setitimer(ITIMER_REAL, &often, NULL));
+    for (alarms = 0; alarms < 200; times++) {
+        CHECK(!itn_render(scene, NULL, NULL, NULL, 0, &image, NULL));
+        CHECK(!itn_image_save_exr(&image, path, NULL) && !itn_image_load(path, NULL, &read, NULL));
+        const float *y = itn_image_plane(&read, "Y"), *made = itn_image_plane(&image, "Y");
+        CHECK(y && made && !memcmp(y, made, 64 * sizeof *y));
+        CHECK(made && !memcmp(itn_image_plane(&first, "Y"), made, 64 * sizeof *y));
+        itn_image_free(&image), itn_image_free(&read);
+    }
+    CHECK(!setitimer(ITIMER_REAL, &no_timer, NULL) && !sigaction(SIGALRM, &before, NULL));
+    printf("  signals: %d, while %d pictures were made, written and read: the same bits\n",
+           (int)alarms, times);
+    itn_image_free(&first), itn_scene_free(scene);
 }
 
 static void remove_directory(void) {
@@ -2265,6 +2372,14 @@ int main(void) {
     test_disk();
     check_power_loss("srd");
     CHECK_CATCHES(check_power_loss("rsd"));
+    check_full_disk(0);
+    CHECK_CATCHES(check_full_disk(100));
+    limit_files(-1);
+    check_killed(0);
+    CHECK_CATCHES(check_killed(1));
+    check_signals(0);
+    CHECK_CATCHES(check_signals(1));
+    setitimer(ITIMER_REAL, &no_timer, NULL);
     check_writers(0);
     CHECK_CATCHES(check_writers(1));
     check_corpora(0);
