@@ -88,6 +88,34 @@ static void test_tilt(double planted) {
     CHECK_NEAR(m.value, .8, 1e-6);
 }
 
+/* From descs; of a PNG file's image the codes count, not their light. */
+static void test_tilt_codes(double planted) {
+    static char names[3][ITN_NAME_SIZE] = {"R", "G", "B"};
+    static const float code[3] = {.25f, .5f, .9f}; /* light by the curve of sRGB: */
+    static const float light[3] = {.0508760887f, .214041140f, .787412289f};
+    float pixels[2][12], normal[2];
+    for (int k = 0; k < 2; k++) {
+        itn_image map = ITN_ZERO;
+        itn_render_options options = ITN_ZERO;
+        solids_mean found;
+        stage s;
+        stage_begin(&s, 8, 3, 20);
+        for (int i = 0; i < 12; i++) pixels[k][i] = (k ? light : code)[i / 4];
+        map.width = map.height = 2, map.plane_count = 3, map.names = names, map.pixels = pixels[k];
+        map.codes = k ? 255 : 0;
+        stage_diffuse(&s, "s", .8)->normal = &map;
+        stage_object(&s, NULL, NULL, "s")->half_size = 100;
+        stage_constant(&s, "lamp", 1);
+        itn_scene *scene = stage_make(&s);
+        options.spp = 50, options.mode = ITN_MODE_REFERENCE;
+        solids_measure(scene, NULL, &options, NULL, 0, &found);
+        normal[k] = (float)found.value;
+        itn_scene_free(scene);
+    }
+    CHECK_NEAR(normal[1] * (1 + planted), normal[0], 2e-4);
+    CHECK(fabsf(normal[0] - .8f) > .01f);
+}
+
 /* Slopes of an image by the scale of heights against its differences by the same random numbers. */
 static void test_tilt_slopes(const char *surface, const char *object, int spp, double planted) {
     itn_scene *scene = maps_scene(surface, object, 3);
@@ -399,6 +427,7 @@ int main(void) {
     test_tilt_slopes("surface s type measured table.binary bump waves.pfm bump_scale .5",
                      "plane surface s", 2000, 0);
     test_tilt_texels(0);
+    test_tilt_codes(0);
     test_blend(0);
     test_coated("ior 1.5", 1), test_coated("ior 1", 1), test_coated("ior 1 alpha .2", 1);
     test_tilted_solids(0), test_tilted_blend(0);
@@ -408,6 +437,7 @@ int main(void) {
     test_maps_refused();
     CHECK_CATCHES(test_tilt(.01));
     CHECK_CATCHES(test_tilt_texels(.1));
+    CHECK_CATCHES(test_tilt_codes(.01));
     CHECK_CATCHES(test_blend(.2));
     CHECK_CATCHES(test_coated("ior 1.5", .8));
     CHECK_CATCHES(test_measured(.9, .2));
