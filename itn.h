@@ -29,7 +29,7 @@
    [contents] a chapter begins with `---- [tag]` and its title: grep -e '---- [[]' itn.h
 
      Part I, the interface
-       [api-base] [api-mesh] [api-scene] [api-render] [api-net] [api-refine] [api-io]
+       [api-base] [api-mesh] [api-scene] [api-render] [api-net] [api-refine] [api-known] [api-io]
      Part II, the reference path tracer with all it needs: read from top to bottom, theory first
        numbers and rays   [base] [lanes] [triangle] [bvh]
        models             [fields] [medium] [surface] [light]
@@ -39,7 +39,7 @@
        the fast walk      [sobol] [voxels] [fast] [value] [flights] [walk] [surfaces]
        pictures           [picture] [render] [gradients]
        networks           [layers] [net]
-       searches           [refine] [normal] [search] [estimates]
+       searches           [refine] [normal] [search] [estimates] [known]
        files              [files] [inflate] [images] [meshes] [weights] [scenefile]
      history, references, licence
 
@@ -882,6 +882,36 @@ ITN_API itn_result itn_refine_views(const itn_view *views, int view_count, float
 ITN_API int itn_refine_words(const itn_parameter *const *parameters, int count,
                              const itn_estimate *estimates, const double *covariance,
                              const itn_refine_outcome *outcome, char *text, size_t size);
+
+/* ---- [api-known] a start that is read off a picture ------------------------------------------ */
+#ifndef ITN_NO_NET
+
+/* A scene's probes: its pictures with a few other media in the place of its own, by which a network
+   reads sigma_t, albedo and g off a picture of it, whatever its shape, lights, surfaces and camera.
+   They take about a second, whatever the film, and serve for any number of pictures. */
+typedef struct itn_probes itn_probes;
+
+/* Renders the probes of a scene, which must stay as long as they do, with its other parameters at
+   theta (NULL: as made). Errors: UNSUPPORTED (three channels, not just one medium, none in an
+   object, or no light from it). Free with itn_probes_free. */
+ITN_API itn_result itn_probes_make(const itn_scene *scene, const float *theta, uint64_t seed,
+                                   itn_probes **probes, itn_error *error);
+ITN_API void itn_probes_free(itn_probes *probes);
+
+/* What a network sees of a picture: [ITN_PROBE_FEATURES] numbers that hardly depend on the scene.
+   target, target_variance: as for itn_refine. scale_known: 0 if the picture has its own units. */
+#define ITN_PROBE_FEATURES 32
+ITN_API itn_result itn_probes_features(const itn_probes *probes, const float *target,
+                                       const float *target_variance, int scale_known,
+                                       float *features, itn_error *error);
+/* Reads a picture: estimates of sigma_t, albedo and g, with errors as the network expects them, for
+   an optical thickness of 2 to 60. net: of 2x2 pixels in ITN_PROBE_FEATURES channels, each one
+   feature, with six outputs: coordinates of sigma_t times the mean chord (itn_scene_thickness),
+   albedo and g, and logarithms of their variances. examples/known.c trains it. */
+ITN_API itn_result itn_probes_read(const itn_probes *probes, itn_net *net, const float *target,
+                                   const float *target_variance, int scale_known,
+                                   itn_estimate estimates[3], itn_error *error);
+#endif
 
 /* ---- [api-io] files -------------------------------------------------------------------------- */
 
@@ -10962,8 +10992,8 @@ static itn_result itn__refine_search(itn__refiner *refiner, itn_error *error) {
    as an error. A misfit clearly above 1 makes errors sqrt(misfit) times as large, and is told. */
 
 /* Checks a view's picture. */
-static itn_result itn__view_check(const itn_view *given, int index, itn_error *error) {
-    const itn_film_desc *film = &given->scene->film;
+static itn_result itn__view_check(const itn_view *given, const itn_film_desc *film, int index,
+                                  itn_error *error) {
     size_t plane = (size_t)film->width * (size_t)film->height;
     double counted = 0, sum = 0;
     for (size_t i = 0; i < plane * (size_t)film->channels; i++) {
@@ -11052,7 +11082,7 @@ static ITN__COLD itn_result itn__refine_begin(itn__refiner *refiner, const itn_v
     refiner->noise = refiner->axes + n * n, refiner->covariance = refiner->noise + n * n;
     for (int v = 0; v < refiner->view_count; v++) {
         refiner->views[v].given = &views[v], refiner->views[v].scene = views[v].scene;
-        itn_result result = itn__view_check(&views[v], v, error);
+        itn_result result = itn__view_check(&views[v], &views[v].scene->film, v, error);
         if (!result) result = itn__view_begin(refiner, v, values, error);
         if (result) return result;
     }
@@ -11253,6 +11283,265 @@ ITN_API ITN__COLD int itn_refine_words(const itn_parameter *const *parameters, i
                  "make the errors smaller\n", outcome->seconds);
     return (int)prose.length;
 }
+
+/* ---- [known] a start that is read off a picture, by what is known of its scene --------------- */
+
+#ifndef ITN_NO_NET
+
+/* How dark an object is tells little by itself: shape, light and camera do as much to a picture as
+   what it is made of. But these are known, and show in pictures of the scene with other media in
+   the place of the one that is sought, its probes, which have the same optical thickness in all
+   scenes. With the logarithms B_k of the K probes' pictures, less their mean, and r, that of the
+   picture in question, less the same, the combination of probes that is most like it solves
+       (G + e) x = b,    b_k = <B_k, r>,    G_kl = <B_k, B_l>,
+   <,> being means over pixels, weighted by 1 / (1 + v / s^2) / (1 + u^2 / t), where v is the
+   variance of r and t the mean of B_k^2: what a pixel tells of media. These x hardly depend on the
+   scene: they tell where the picture lies between the probes. So a small network, trained on scenes
+   of all kinds, reads the material off x and off how far the picture is from each probe and from
+   their combination, and says how sure that is.
+
+   Pictures are reduced to some 32 pixels each way and blurred, and a little light is added. The
+   network sees all features in each of 2x2 pixels, which makes its convolutions hidden units that
+   take the largest of four sums (maxout, Goodfellow et al. 2013). */
+
+enum { ITN__PROBES = 14, ITN__PROBE_SIDE = 32, ITN__PROBE_PATHS = 49152 };
+#define ITN__PROBE_DARK .02f /* of the mean light of what media change, in the first probe */
+#define ITN__PROBE_SQUARES .0747681f /* the sum of squared weights of a blur's two passes */
+#define ITN__PROBE_NOISE .05  /* s */
+#define ITN__PROBE_TOLD .2    /* u */
+#define ITN__PROBE_RIDGE 1e-3 /* e */
+
+/* Optical thickness, albedo and g of the probes. */
+static const float itn__probe_media[ITN__PROBES][3] = {
+    {10, .8f, .4f}, {3, .9f, .5f}, {3, .5f, 0}, {6, .96f, .8f}, {10, .5f, .7f}, {12, .95f, 0},
+    {25, .7f, .2f}, {25, .9f, .7f}, {30, .97f, .4f}, {60, .98f, .8f}, {60, .9f, .1f},
+    {60, .6f, .5f}, {2, .95f, 0}, {1.5f, .7f, .8f}};
+
+struct itn_probes {
+    itn_scene scene;       /* of a reduced film, which shares all else with the one given */
+    itn_film_desc film;    /* of pictures to be read */
+    itn__refine_view view; /* width, height and pixels of reduced pictures */
+    int block, at[3];      /* the film's pixels that make one, each way; sigma_t, albedo and g */
+    double chord;
+    float light, *mean;    /* of what media change; mean logarithm and variance, [2][pixels] */
+    float *pictures;       /* [ITN__PROBES][2][pixels]: B, and its variance less the mean one */
+};
+
+/* Makes the film one of whole blocks of its pixels, from the upper left on. Returns how many of
+   these, each way, are one. */
+static int itn__known_film(itn_film_desc *film, itn__camera *camera) {
+    int width = film->width, height = film->height, most = width < height ? width : height;
+    int block = (int)(sqrt((double)width * height) / ITN__PROBE_SIDE);
+    block = block < 1 ? 1 : block < most ? block : most;
+    film->width /= block, film->height /= block;
+    if (block > 1) film->filter = ITN_FILTER_BOX, film->deviation = 0;
+    float across = (float)(film->width * block) / (float)width;
+    float down = (float)(film->height * block) / (float)height;
+    camera->forward = itn__along(itn__along(camera->forward, across - 1, camera->right), 1 - down,
+                                 camera->up);
+    camera->right = itn__scale(camera->right, across), camera->up = itn__scale(camera->up, down);
+    return block;
+}
+
+/* Makes of a blurred picture and its variance logarithms and theirs. */
+static void itn__known_log(const itn_probes *probes, float *picture) {
+    size_t pixels = probes->view.pixels;
+    for (size_t i = 0; i < pixels; i++) {
+        float light = itn__max(picture[i], 0) + ITN__PROBE_DARK * probes->light;
+        picture[i] = logf(light), picture[pixels + i] *= ITN__PROBE_SQUARES / (light * light);
+    }
+}
+
+/* Renders the probes; theta, of the scene's other parameters, does not stay. */
+static itn_result itn__known_render(itn_probes *probes, float *theta, uint64_t seed,
+                                    itn_error *error) {
+    size_t pixels = probes->view.pixels, two = 2 * pixels, changed = 0;
+    itn_render_options options = ITN_ZERO;
+    options.spp = (int)fmax(2, (double)ITN__PROBE_PATHS / (double)pixels), options.walks = 1;
+    for (size_t k = 0; k < ITN__PROBES; k++) {
+        itn_image image;
+        for (int j = 0; j < 3; j++) theta[probes->at[j]] = itn__probe_media[k][j];
+        theta[probes->at[0]] /= (float)probes->chord, options.seed = itn__mix64(seed + k);
+        itn_result result = itn_render(&probes->scene, theta, &options, NULL, 0, &image, error);
+        if (result) return result;
+        itn__blur(&probes->view, image.pixels, two, 2);
+        memcpy(probes->pictures + k * two, image.pixels, two * sizeof(float));
+        itn_image_free(&image);
+    }
+    for (size_t i = 0; i < pixels; i++)
+        if (probes->pictures[i] != probes->pictures[two + i])
+            probes->light += probes->pictures[i], changed++;
+    probes->light /= (float)changed;
+    if (!(probes->light > 1e-30f && probes->light < 1e30f))
+        return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "itn_probes_make: no light comes from "
+                         "the medium, or too much for floats");
+    for (size_t k = 0; k < ITN__PROBES; k++) itn__known_log(probes, probes->pictures + k * two);
+    for (size_t i = 0; i < ITN__PROBES * two; i++)
+        probes->mean[i % two] += probes->pictures[i] / ITN__PROBES;
+    for (size_t i = 0; i < ITN__PROBES * two; i++) probes->pictures[i] -= probes->mean[i % two];
+    return ITN_OK;
+}
+
+ITN_API void itn_probes_free(itn_probes *probes) {
+    if (!probes) return;
+    itn_context context = probes->scene.context;
+    itn__free(&context, probes);
+}
+
+ITN_API ITN__COLD itn_result itn_probes_make(const itn_scene *scene, const float *theta,
+                                             uint64_t seed, itn_probes **probes,
+                                             itn_error *error) {
+    if (!scene || !probes) return ITN__INVALID("itn_probes_make: NULL argument");
+    const itn__medium *medium = scene->media;
+    itn_scene reduced = *scene;
+    int block = itn__known_film(&reduced.film, &reduced.camera), channels = scene->film.channels;
+    size_t pixels = (size_t)reduced.film.width * (size_t)reduced.film.height;
+    size_t own = (size_t)scene->parameter_count, floats = (2 * ITN__PROBES + 2) * pixels + own;
+    itn_result result = ITN_OK;
+    itn_probes *made = (itn_probes *)itn__allocate(&scene->context, 1,
+                                                   sizeof *made + floats * sizeof(float));
+    if (!made) return itn__out_of_memory(error, "probes");
+    made->scene = reduced, made->film = scene->film, made->block = block;
+    made->view.width = reduced.film.width, made->view.height = reduced.film.height;
+    made->view.pixels = pixels;
+    made->mean = (float *)(made + 1), made->pictures = made->mean + 2 * pixels;
+    float *values = made->mean + floats - own;
+    itn_parameter_values(scene, values);
+    if (channels == 1 && scene->medium_count == 1) {
+        made->at[0] = medium->sigma_t[0], made->at[1] = medium->albedo, made->at[2] = medium->g[0];
+        values[made->at[0]] = 1, made->chord = itn_scene_thickness(scene, values, medium->name);
+    }
+    if (theta) memcpy(values, theta, own * sizeof *values);
+    if (made->chord > 0) result = itn__known_render(made, values, seed, error);
+    else
+        result = itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "itn_probes_make: the scene has %d "
+                           "channels and %d media, not one of each, in an object", channels,
+                           scene->medium_count);
+    if (result) itn_probes_free(made);
+    else *probes = made;
+    return result;
+}
+
+/* Reduces a picture to means of what counts: [2][pixels], blurred logarithms and their variance,
+   and whether anything counts, [pixels]. What does not count is as the probes' mean; what has an
+   unknown scale is made as bright as the first probe. */
+static void itn__known_reduce(const itn_probes *probes, const float *target, const float *variance,
+                              int scale_known, float *picture, float *counts) {
+    size_t pixels = probes->view.pixels, width = (size_t)probes->view.width;
+    size_t block = (size_t)probes->block, across = (size_t)probes->film.width;
+    double own = 0, bright = 0;
+    for (size_t i = 0; i < pixels; i++) {
+        double light = 0, spread = 0, n = 0;
+        for (size_t j = 0; j < block * block; j++) {
+            size_t at = (i / width * block + j / block) * across + i % width * block + j % block;
+            if (variance && !(variance[at] < INFINITY)) continue;
+            light += (double)target[at], spread += variance ? (double)variance[at] : 0, n++;
+        }
+        counts[i] = n > 0;
+        picture[i] = n > 0 ? (float)(light / n) : expf(probes->mean[i]);
+        picture[pixels + i] = n > 0 ? (float)(spread / (n * n)) : 0;
+        if (n > 0 && probes->pictures[i] != 0) own += light / n, bright += (double)probes->light;
+    }
+    float scale = !scale_known && own > 0 ? (float)(bright / own) : 1;
+    for (size_t i = 0; i < 2 * pixels; i++)
+        if (counts[i % pixels] > 0) picture[i] *= i < pixels ? scale : scale * scale;
+    itn__blur(&probes->view, picture, 2 * pixels, 2);
+    itn__known_log(probes, picture);
+}
+
+/* Makes G, b and <r, r> of a reduced picture, last in `right`; of an unknown scale, which is a
+   constant in logarithms, with the means over pixels taken off. Returns 0 if less than a pixel
+   counts. */
+static int itn__known_sums(const itn_probes *probes, const float *picture, const float *counts,
+                           int scale_known, double *matrix, double *right) {
+    enum { K = ITN__PROBES };
+    size_t pixels = probes->view.pixels;
+    double mean[K + 1] = {0}, sum = 0, b[K + 1];
+    memset(matrix, 0, K * K * sizeof *matrix), memset(right, 0, (K + 1) * sizeof *right);
+    for (size_t i = 0; i < pixels; i++) {
+        double variance = (double)picture[pixels + i] + (double)probes->mean[pixels + i], told = 0;
+        for (size_t k = 0; k < K; k++)
+            b[k] = (double)probes->pictures[2 * k * pixels + i], told += b[k] * b[k] / K;
+        double w = counts[i] / (1 + variance / (ITN__PROBE_NOISE * ITN__PROBE_NOISE)) * told /
+                   (told + ITN__PROBE_TOLD * ITN__PROBE_TOLD);
+        b[K] = (double)picture[i] - (double)probes->mean[i];
+        for (int k = 0; k < K * K; k++) matrix[k] += w * b[k / K] * b[k % K];
+        for (int k = 0; k <= K; k++) right[k] += w * b[k] * b[K], mean[k] += w * b[k];
+        sum += w;
+    }
+    if (!(sum > 1)) return 0;
+    for (int k = 0; k <= K; k++) mean[k] *= scale_known ? 0 : 1 / sum;
+    for (int k = 0; k < K * K; k++) matrix[k] = matrix[k] / sum - mean[k / K] * mean[k % K];
+    for (int k = 0; k <= K; k++) right[k] = right[k] / sum - mean[k] * mean[K];
+    return 1;
+}
+
+/* What the network sees of these: how far the picture is from each probe and from the nearest
+   combination, which that is, and where it began. */
+static void itn__known_features(double *matrix, const double *right, int scale_known, float *f) {
+    enum { K = ITN__PROBES };
+    double axes[K * K], x[K] = {0}, left = right[K];
+    for (int k = 0; k < K; k++)
+        f[k] = (float)log(fmax(right[K] - 2 * right[k] + matrix[k * (K + 1)], 0) + 1e-3);
+    itn__eigen(matrix, axes, K);
+    for (int j = 0; j < K; j++) {
+        double told = matrix[j * (K + 1)], least = told + ITN__PROBE_RIDGE, along = 0;
+        for (int k = 0; k < K; k++) along += axes[k * K + j] * right[k];
+        for (int k = 0; k < K; k++) x[k] += axes[k * K + j] * along / least;
+        left += (told / least - 2) * along * along / least;
+    }
+    for (int k = 0; k < K; k++) f[K + k] = (float)fmax(-4, fmin(x[k], 4));
+    f[2 * K] = (float)log(fmax(right[K], 0) + 1e-3);
+    f[2 * K + 1] = (float)log(fmax(left, 0) + 1e-4);
+    f[2 * K + 2] = scale_known ? 1.f : 0.f, f[2 * K + 3] = 1;
+}
+
+ITN_API itn_result itn_probes_features(const itn_probes *probes, const float *target,
+                                       const float *target_variance, int scale_known,
+                                       float *features, itn_error *error) {
+    double matrix[ITN__PROBES * ITN__PROBES], right[ITN__PROBES + 1];
+    itn_view given = ITN_ZERO;
+    if (!probes || !target || !features)
+        return ITN__INVALID("itn_probes_features: NULL argument");
+    given.target = target, given.target_variance = target_variance;
+    itn_result result = itn__view_check(&given, &probes->film, 0, error);
+    if (result) return result;
+    float *picture = ITN__NEW(float, &probes->scene.context, 3 * probes->view.pixels);
+    float *counts = picture + 2 * probes->view.pixels;
+    if (!picture) return itn__out_of_memory(error, "a reduced picture");
+    itn__known_reduce(probes, target, target_variance, scale_known, picture, counts);
+    if (itn__known_sums(probes, picture, counts, scale_known, matrix, right))
+        itn__known_features(matrix, right, scale_known, features);
+    else result = ITN__INVALID("itn_probes_features: hardly a pixel that counts shows the medium");
+    itn__free(&probes->scene.context, picture);
+    return result;
+}
+
+ITN_API itn_result itn_probes_read(const itn_probes *probes, itn_net *net, const float *target,
+                                   const float *target_variance, int scale_known,
+                                   itn_estimate estimates[3], itn_error *error) {
+    float features[ITN_PROBE_FEATURES], inputs[4 * ITN_PROBE_FEATURES], answer[6];
+    if (!probes || !net || !estimates) return ITN__INVALID("itn_probes_read: NULL argument");
+    const itn_net_desc *d = &net->desc;
+    if (d->width != 2 || d->height != 2 || d->channels != ITN_PROBE_FEATURES || d->outputs != 6)
+        return ITN__INVALID("itn_probes_read: the network is not one of 2x2 pixels, %d channels "
+                            "and 6 outputs", ITN_PROBE_FEATURES);
+    itn_result result = itn_probes_features(probes, target, target_variance, scale_known, features,
+                                            error);
+    for (int k = 0; k < 4 * ITN_PROBE_FEATURES && !result; k++) inputs[k] = features[k / 4];
+    if (!result) result = itn_net_forward(net, 1, inputs, answer, error);
+    for (int k = 0; k < 3 && !result; k++) {
+        const itn_parameter *p = &probes->scene.parameters[probes->at[k]];
+        itn_estimate *e = &estimates[k];
+        double deviation = exp(fmax(-8, fmin((double)answer[3 + k], 8)) / 2);
+        e->value = itn_parameter_from_coordinate(p, answer[k] - (k ? 0 : log(probes->chord)));
+        e->standard_error = deviation * itn_parameter_slope(p, e->value);
+        e->determined = deviation < .5;
+    }
+    return result;
+}
+
+#endif /* ITN_NO_NET */
 
 /* ---- [files] bytes in, bytes out ------------------------------------------------------------- */
 

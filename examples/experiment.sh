@@ -14,7 +14,8 @@
 # C is the width of the networks' first layer: 16 by default, as released, less where F is below 1.
 # The shipped network has 6.
 # DIR (out/experiment) receives table1.csv (tables 1 and 2), table3.csv, sheet.png, figure.png,
-# figure.svg, and per network NAME.net and NAME.net.*.
+# figure.svg, and per network NAME.net and NAME.net.*; and known.net, with which searches begin, and
+# known.net.txt, how well it reads shapes left out (ten minutes of processor time).
 # --data is the folder of the pictures, DIR/data by default; what is there is not made again. --seed
 # is that of the training, 1 by default. Each run has a DIR of its own; a second one on the same
 # pictures tells how much is chance of training:
@@ -86,12 +87,14 @@ if up_to 1/20; then
     training="--batch 8 --channels ${channels:-4}"
     trial="--images 8 --spp 2"
     search="--images 1 --iterations 50 --spp 2"
+    scenes=16
 elif up_to .99; then
     picture="--tests ${tests:-1/24} --noise ${noise:-0.05}"
     warm=80 calm=24 more=2 settle=3 cool=1 rate=2e-4 spp=16
     training="--batch 16 --channels ${channels:-6}"
     trial="--images 24 --spp 2"
     search="--images 1 --iterations 200 --spp 2"
+    scenes=64
 else
     picture="--tests ${tests:-1} --noise ${noise:-0.03} --spp 4096"
     warm=110 calm=16 more=14 settle=4 cool=2 spp=4
@@ -102,6 +105,7 @@ else
     training="--batch 16 --channels $channels"
     trial="--images 72 --spp 2"
     search="--images 10 --iterations 200 --spp 2"
+    scenes=240
 fi
 
 # step NAME COMMAND...: runs the command unless it has been done before, and tells how long it took.
@@ -117,7 +121,7 @@ step() {
 compile() {
     ${CC:-cc} -std=c99 -O3 -march=native -DITN_IMPLEMENTATION -x c -c "$here/../itn.h" \
         -o "$out/itn.o" || return
-    for program in dataset train starts; do
+    for program in dataset known train starts; do
         ${CC:-cc} -std=c99 -O3 -march=native -DITN_APART "$here/$program.c" "$out/itn.o" \
             -o "$out/$program" -lm -lpthread || return
     done
@@ -156,6 +160,8 @@ begin=$(date +%s)
 step compile compile
 step data make_data
 "$out/dataset" check "$data" || { make_data; "$out/dataset" check "$data"; } # lost or damaged since
+step known "$out/known" "$out/known.net" --shapes "$here/../scenes/shapes" \
+    --sky "$here/../scenes/t3-e60-grey.sky" --scenes "$scenes" --seed "$seed" -t "$threads"
 step sheet "$out/dataset" sheet "$data" "$out/sheet.png"
 shared=$((warm + calm)) settled=$((shared + more + settle))
 step warm learn warm rn "$warm" "$warm_rate" $bend coordinates

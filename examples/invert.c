@@ -16,8 +16,11 @@
    An image may have any size that has the film's shape. Where it is masked, transparent (A below 1)
    or clipped it does not count. The units of a PNG are not the light's: its exposure is one of the
    unknowns, and starts where the means are equal. README.md beside this tells how photos are taken.
-   With --net it starts from what a network of train.c reads off the first picture, which is
-   printed as a row of its own. Prints a row per iteration and at the end a line per parameter,
+   Where sigma_t, albedo and g of a scene's only medium are sought, in a film of one channel, it
+   starts from what a network of known.c reads off the first picture, by what is known of the
+   scene, and says how sure that is; known.net is looked for beside the scene and in ../scenes.
+   --net takes another network, of known.c or of train.c; --net none takes none. Prints a row per
+   iteration and at the end a line per parameter,
             milk.sigma_t 31.2 +- 0.4 hidden 31
    and what follows from them in the words of tissue optics; says in words what the images
    determine, and fails if a hidden value that they determine lies more than four standard errors
@@ -62,7 +65,7 @@ static const tool_option choices[] = {
     {"--background", "known|unknown", "of the film, if it has one; default: known"},
     {"--params", "name,...", "the unknowns; default: sigma_t, albedo and g of the media"},
     {"--hidden", "name=value,...", "without --target: what is sought, and its values"},
-    {"--net", "WEIGHTS", "start from what a network of train.c reads"},
+    {"--net", "WEIGHTS|none", "start from what this network reads; default: scenes/known.net"},
     {"--iterations", "N", "at most so many; default 20"},
     {"--seconds", "S", "at most so long; default 60"},
     {"--spp", "N", "samples per pixel of a render; default 48"},
@@ -262,19 +265,16 @@ static double network_mean(const char *path) {
 /* Takes what a network reads off the picture for values of sigma_t, albedo and g of the medium that
    the first unknown is of, and prints it. The network has seen pictures of the scene's exposure;
    where that is sought, what it takes for the mean is as much brighter as the start. */
-static void start_from_network(const char *path, const itn_context *context, const history *h,
-                               const picture *p, float *values) {
+static void start_from_network(itn_net *net, const char *path, const history *h, const picture *p,
+                               float *values) {
     static const char *const fields[3] = {"sigma_t", "albedo", "g"};
     itn_film_desc film = itn_scene_film(p->scene);
-    itn_net_desc shape;
-    itn_net *net;
+    itn_net_desc shape = itn_net_shape(net);
     itn_error error;
     float answer[3]; /* coordinates */
     double mean;
     char text[200];
     int i, k, length = (int)strcspn(h->unknowns[0]->name, ".");
-    if (itn_net_open(path, 1, context, &net, &error)) fail(error.message, "");
-    shape = itn_net_shape(net);
     if (film.channels != 1) fail(path, "reads grey pictures; the film of the scene has colours");
     snprintf(text, sizeof text, "answers pictures of %dx%d pixels in %d planes with %d values; it "
              "should be %dx%d in 2 planes, and 3 values", shape.width, shape.height,
@@ -298,7 +298,51 @@ static void start_from_network(const char *path, const itn_context *context, con
         printf("  %s %.5g", name, (double)values[i]);
     }
     printf("\n");
-    itn_net_free(net);
+}
+
+/* Opens known.net, from beside the scene or in ../scenes; NULL if it is in neither. */
+static itn_net *find_network(const char *scene, const itn_context *context) {
+    char path[STEM_SIZE + 16];
+    const char *slash = strrchr(scene, '/');
+    itn_net *net = NULL;
+    itn_error error;
+    int length = slash ? (int)(slash + 1 - scene) : 0;
+    snprintf(path, sizeof path, "%.*sknown.net", length < STEM_SIZE ? length : 0, scene);
+    if (itn_net_open(path, 1, context, &net, &error) == ITN_ERROR_FILE)
+        itn_net_open("../scenes/known.net", 1, context, &net, &error);
+    return net;
+}
+
+/* Takes what a network reads off the picture, by what is known of the scene, for values of sigma_t,
+   albedo and g, and prints it; or says why it does not. */
+static void start_from_known(itn_net *net, const history *h, const picture *p, uint64_t seed,
+                             float *values) {
+    static const char *const fields[3] = {"sigma_t", "albedo", "g"};
+    const char *why = net ? NULL : "there is no scenes/known.net";
+    int i, k, at[3] = {-1, -1, -1}, scale_known = 1;
+    itn_estimate read[3];
+    itn_probes *probes = NULL;
+    itn_error error;
+    for (i = 0; i < h->count; i++) {
+        const char *name = h->unknowns[i]->name;
+        for (k = 0; k < 3; k++)
+            if (p->parameters[i] >= 0 && !strcmp(strchr(name, '.') + 1, fields[k])) at[k] = i;
+        if (!strncmp(name, "film.e", 6) || strstr(name, "scale")) scale_known = 0;
+    }
+    if (!why && (at[0] < 0 || at[1] < 0 || at[2] < 0))
+        why = "not all of sigma_t, albedo and g are sought";
+    if (!why && (itn_probes_make(p->scene, p->theta, seed, &probes, &error) ||
+                 itn_probes_read(probes, net, p->light, p->variance, scale_known, read, &error)))
+        why = error.message;
+    if (why) printf("nothing is read off the picture: %s\n", why);
+    else printf("read");
+    for (k = 0; k < 3 && !why; k++) {
+        values[at[k]] = (float)read[k].value;
+        printf("  %s %.3g +- %.2g", h->unknowns[at[k]]->name, read[k].value,
+               read[k].standard_error);
+    }
+    if (!why) printf("\n");
+    itn_probes_free(probes);
 }
 
 /* Opens the scene of a picture. */
@@ -635,7 +679,8 @@ static float gamma_of(const char *text) {
 int main(int argc, char **argv) {
     const char *hidden_list = NULL, *names = NULL, *dir = NULL, *network = NULL, *value;
     const char *exposure = NULL, *background = "known";
-    int views = 0, targets = 0, masks = 0, unknown, i, k, v, missed;
+    int views = 0, targets = 0, masks = 0, unknown, by_picture, i, k, v, missed;
+    itn_net *net = NULL;
     itn_context context = ITN_ZERO;
     itn_refine_options refine = ITN_ZERO;
     itn_render_options render = ITN_ZERO;
@@ -723,9 +768,17 @@ int main(int argc, char **argv) {
         values[i] = targets || hidden_list ? p->value : neutral_guess(pictures[v].scene, p);
     }
     set_values(pictures, views, &h, values);
-    if (unknown) start_exposures(&pictures[0], render, &h, values);
     tool_show_thickness(pictures[0].scene, stdout);
-    if (network) start_from_network(network, &context, &h, &pictures[0], values);
+    if (!network) net = find_network(pictures[0].path, &context);
+    else if (strcmp(network, "none") && itn_net_open(network, 1, &context, &net, &error))
+        fail(error.message, "");
+    by_picture = net && itn_net_shape(net).width > 2;
+    if (!by_picture && (!network || net))
+        start_from_known(net, &h, &pictures[0], refine.seed + 3000017, values);
+    set_values(pictures, views, &h, values);
+    if (unknown) start_exposures(&pictures[0], render, &h, values);
+    if (by_picture) start_from_network(net, network, &h, &pictures[0], values);
+    itn_net_free(net);
     refine.progress = show_step, refine.progress_user = &h;
     signal(SIGINT, interrupt);
     if (itn_refine_views(look, views, values, h.count, &refine, estimates, &error))

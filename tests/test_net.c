@@ -5,6 +5,7 @@
 #define ITN_IMPLEMENTATION
 #include "../itn.h"
 #include "check.h"
+#include "solids.h"
 #include "stage.h"
 #include <unistd.h>
 
@@ -1734,6 +1735,239 @@ static void test_loss_errors(void) {
     CHECK(memory.live == 0);
 }
 
+/* ---- what is known of a scene ---- */
+
+enum { KNOWN_WIDTH = 100, KNOWN_HEIGHT = 70, KNOWN_PIXELS = KNOWN_WIDTH * KNOWN_HEIGHT };
+
+/* A ball, `size` times as large, in a map with a bright patch: blocks of 2x2 pixels, and a line of
+   the film left. other: 1 of three channels, 2 with a second medium, 3 of dark light, 4 empty,
+   5 in constant light. */
+static itn_scene *known_scene(double size, int other, int threads) {
+    itn_mesh ball = solids_sphere(size, 2);
+    itn_image map = stage_patch(1, .65, .35, 4);
+    itn_context context = ITN_ZERO;
+    itn_error error;
+    itn_scene *scene;
+    stage s;
+    stage_begin(&s, KNOWN_WIDTH, 4 * size, 40);
+    s.desc.film.height = KNOWN_HEIGHT, context.threads = threads;
+    s.desc.film.channels = other == 1 ? 3 : 1;
+    stage_medium(&s, "milk", 8 / size, .9, .3);
+    if (other == 2) stage_medium(&s, "tea", 1, .1, .3);
+    stage_dielectric(&s, "skin", 1.3, .2);
+    stage_object(&s, &ball, other == 4 ? NULL : "milk", other == 4 ? "skin" : NULL);
+    if (other == 5) stage_constant(&s, NULL, 1);
+    else stage_map(&s, NULL, &map);
+    if (other == 3) s.lights[0].scale = 0, s.lights[0].has_scale = 1;
+    stage_need(itn_scene_create(&s.desc, &context, &scene, &error), &error);
+    itn_image_free(&map);
+    itn_mesh_free(&ball);
+    return scene;
+}
+
+/* A picture of it with that optical thickness, albedo and g, and its variance behind. */
+static void known_photo(const itn_scene *scene, const float medium[3], int spp, float *photo) {
+    itn_render_options options = ITN_ZERO;
+    itn_image image;
+    itn_error error;
+    float theta[32];
+    double chord = itn_scene_thickness(scene, NULL, "milk");
+    int at = itn_parameter_find(scene, "milk.sigma_t");
+    itn_parameter_values(scene, theta);
+    theta[at] *= (float)(medium[0] / chord), theta[at + 1] = medium[1], theta[at + 2] = medium[2];
+    options.spp = spp, options.walks = 1, options.seed = 99;
+    stage_need(itn_render(scene, theta, &options, NULL, 0, &image, &error), &error);
+    memcpy(photo, image.pixels, 2 * KNOWN_PIXELS * sizeof(float));
+    itn_image_free(&image);
+}
+
+/* The film of the probes is that of the scene in blocks: means of its pixels are what a render of
+   the other one gives. shift: pixels by which they are cut out elsewhere. */
+static void test_known_film(const itn_probes *probes, const itn_scene *scene, int shift) {
+    static float photo[2 * KNOWN_PIXELS];
+    const int width = KNOWN_WIDTH / 2, height = KNOWN_HEIGHT / 2;
+    const float medium[3] = {8, .05f, .3f}; /* which is hardly noisy */
+    float theta[32];
+    itn_render_options options = ITN_ZERO;
+    itn_image image;
+    itn_error error;
+    double sum = 0, expected = 0;
+    int i, j;
+    CHECK(probes->block == 2 && probes->view.width == width && probes->view.height == height);
+    known_photo(scene, medium, 16, photo);
+    options.spp = 64, options.walks = 1;
+    itn_parameter_values(scene, theta);
+    theta[probes->at[0]] = (float)(8 / probes->chord), theta[probes->at[1]] = medium[1];
+    stage_need(itn_render(&probes->scene, theta, &options, NULL, 0, &image, &error), &error);
+    for (i = 0; i < width * height; i++) {
+        double mean = 0, variance = (double)image.pixels[width * height + i];
+        if (i % width > width - 4) continue;
+        for (j = 0; j < 4; j++) {
+            int at = (2 * (i / width) + j / 2) * KNOWN_WIDTH + 2 * (i % width) + j % 2 + shift;
+            mean += (double)photo[at] / 4, variance += (double)photo[KNOWN_PIXELS + at] / 16;
+        }
+        sum += pow(mean - (double)image.pixels[i], 2), expected += variance;
+    }
+    CHECK_NEAR(sum / expected, 1, .15);
+    itn_image_free(&image);
+}
+
+/* A picture of a probe's medium is nearest to that probe, in any units; in units of its own even if
+   these are seven times larger. planted: 1, the albedo is another; 2, the units are said to be
+   known. */
+static void test_known_features(const itn_probes *probes, const itn_scene *scene, int planted) {
+    static const int which[3] = {1, 5, 9};
+    static float photo[2 * KNOWN_PIXELS];
+    float features[ITN_PROBE_FEATURES], own[ITN_PROBE_FEATURES], brighter[ITN_PROBE_FEATURES];
+    int n, k, i;
+    for (n = 0; n < 3; n++) {
+        float medium[3];
+        const float *variance = photo + KNOWN_PIXELS;
+        memcpy(medium, itn__probe_media[which[n]], sizeof medium);
+        if (planted == 1) medium[1] = .35f;
+        known_photo(scene, medium, 8, photo);
+        CHECK(!itn_probes_features(probes, photo, variance, 1, features, NULL));
+        CHECK(!itn_probes_features(probes, photo, variance, 0, own, NULL));
+        for (i = 0; i < KNOWN_PIXELS; i++) photo[i] *= 7, photo[KNOWN_PIXELS + i] *= 49;
+        CHECK(!itn_probes_features(probes, photo, variance, planted == 2, brighter, NULL));
+        for (k = 0; k < ITN__PROBES; k++) {
+            CHECK(k == which[n] || features[k] > features[which[n]]);
+            CHECK(k == which[n] || own[k] > own[which[n]] - .5f);
+        }
+        CHECK(features[ITN_PROBE_FEATURES - 2] == 1 && own[ITN_PROBE_FEATURES - 2] == 0);
+        for (k = 0; k < ITN_PROBE_FEATURES; k++) CHECK_NEAR(own[k], brighter[k], .01);
+    }
+}
+
+/* Neither the size of a scene nor what is masked changes what is seen, but for noise; the number of
+   threads does not at all. planted: sigma_t of the larger scene is twice as large. */
+static void test_known_sizes(itn_scene *const scenes[3], itn_probes *const others[3], int planted) {
+    static float photo[2 * KNOWN_PIXELS];
+    float features[3][ITN_PROBE_FEATURES], medium[3] = {20, .8f, .5f};
+    const itn_probes *probes = others[0];
+    int i, k;
+    known_photo(scenes[0], medium, 16, photo);
+    CHECK(!itn_probes_features(probes, photo, NULL, 1, features[0], NULL));
+    CHECK(!itn_probes_features(others[2], photo, NULL, 1, features[1], NULL));
+    CHECK(!memcmp(features[0], features[1], sizeof features[0]));
+    for (i = 0; i < KNOWN_PIXELS / 10; i++) photo[i] = NAN, photo[KNOWN_PIXELS + i] = INFINITY;
+    for (; i < KNOWN_PIXELS; i++) photo[KNOWN_PIXELS + i] = 0;
+    CHECK(!itn_probes_features(probes, photo, photo + KNOWN_PIXELS, 1, features[1], NULL));
+    if (planted) medium[0] *= 2;
+    known_photo(scenes[1], medium, 16, photo);
+    CHECK(!itn_probes_features(others[1], photo, NULL, 1, features[2], NULL));
+    for (k = 0; k < ITN__PROBES; k++) {
+        CHECK_NEAR(features[1][k], features[0][k], .2);
+        CHECK_NEAR(features[2][k], features[0][k], .2);
+    }
+}
+
+/* The shipped network reads media off pictures of a shape that it was not trained with, and knows
+   how well. wrong: what sigma_t is multiplied by. */
+static void test_known_net(const itn_probes *probes, const itn_scene *scene, double wrong) {
+    enum { CASES = 12 };
+    static float photo[2 * KNOWN_PIXELS];
+    double chord = itn_scene_thickness(scene, NULL, "milk") / 8, square[3] = {0, 0, 0};
+    itn_net *net;
+    itn_error error;
+    int n, k, within = 0;
+    stage_need(itn_net_open("../scenes/known.net", 1, NULL, &net, &error), &error);
+    for (n = 0; n < 2 * CASES; n++) {
+        itn_estimate read[3];
+        float medium[3]; /* each is read twice, of known and of unknown scale */
+        medium[0] = (float)(2.5 * pow(20, n / 2 / (CASES - 1.)));
+        medium[1] = .4f + .55f * (float)(n / 2 * 5 % CASES) / CASES;
+        medium[2] = .8f * (float)(n / 2 * 7 % CASES) / CASES;
+        if (n % 2 == 0) known_photo(scene, medium, 4, photo);
+        stage_need(itn_probes_read(probes, net, photo, photo + KNOWN_PIXELS, n % 2, read, &error),
+                   &error);
+        medium[0] /= (float)chord;
+        for (k = 0; k < 3; k++) {
+            double off = read[k].value * (k ? 1 : wrong) - (double)medium[k];
+            within += fabs(off) < 2 * read[k].standard_error;
+            square[k] += pow(k ? off : log(read[k].value * wrong / (double)medium[0]), 2);
+            CHECK(read[k].standard_error > 0);
+        }
+    }
+    CHECK(within >= 2 * CASES * 3 * 8 / 10);
+    CHECK(sqrt(square[0] / (2 * CASES)) < log(2.));
+    CHECK(sqrt(square[1] / (2 * CASES)) < .15);
+    CHECK(sqrt(square[2] / (2 * CASES)) < .35);
+    itn_net_free(net);
+}
+
+static void test_known_errors(const itn_probes *probes, const itn_scene *scene) {
+    static const char *const says[5] = {"", "3 channels", "2 media", "no light", "in an object"};
+    static float photo[2 * KNOWN_PIXELS];
+    float features[ITN_PROBE_FEATURES];
+    itn_probes *none = NULL;
+    itn_scene *light;
+    itn_estimate read[3];
+    itn_net *net = make(NULL, NULL);
+    itn_error error;
+    itn_probes *even;
+    int other, i;
+    for (other = 1; other < 5; other++) {
+        itn_scene *unfit = known_scene(1, other, 1);
+        CHECK(itn_probes_make(unfit, NULL, 1, &none, &error) == ITN_ERROR_UNSUPPORTED && !none);
+        CHECK(strstr(error.message, says[other]) != NULL);
+        itn_scene_free(unfit);
+    }
+    CHECK(itn_probes_make(NULL, NULL, 1, &none, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_probes_make(scene, NULL, 1, NULL, &error) == ITN_ERROR_ARGUMENT);
+    for (i = 0; i < KNOWN_PIXELS; i++) photo[i] = 1, photo[KNOWN_PIXELS + i] = 0;
+    CHECK(itn_probes_features(NULL, photo, NULL, 1, features, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_probes_features(probes, NULL, NULL, 1, features, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_probes_features(probes, photo, NULL, 1, NULL, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_probes_read(probes, NULL, photo, NULL, 1, read, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_probes_read(probes, net, photo, NULL, 1, NULL, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(itn_probes_read(probes, net, photo, NULL, 1, read, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(strstr(error.message, "2x2 pixels") != NULL);
+    photo[7] = NAN, features[0] = 5;
+    CHECK(itn_probes_features(probes, photo, NULL, 1, features, &error) == ITN_ERROR_ARGUMENT);
+    CHECK(strstr(error.message, "pixel 7") != NULL && features[0] == 5);
+    photo[7] = 1;
+    for (i = 0; i < KNOWN_PIXELS; i++) /* what counts shows the light alone */
+        photo[KNOWN_PIXELS + i] = i < 9 * KNOWN_WIDTH && i % KNOWN_WIDTH < 9 ? 0.f : INFINITY;
+    light = known_scene(1, 5, 1);
+    stage_need(itn_probes_make(light, NULL, 1, &even, &error), &error);
+    CHECK(itn_probes_features(even, photo, photo + KNOWN_PIXELS, 1, features, &error) ==
+          ITN_ERROR_ARGUMENT);
+    CHECK(strstr(error.message, "hardly a pixel") != NULL && features[0] == 5);
+    itn_probes_free(even);
+    itn_scene_free(light);
+    itn_probes_free(NULL);
+    itn_net_free(net);
+}
+
+static void test_known(void) {
+    enum { SCENES = 3 };
+#ifdef ITN_SANITIZED
+    const int all = 0;
+#else
+    const int all = 1;
+#endif
+    itn_scene *scenes[SCENES];
+    itn_probes *probes[SCENES];
+    itn_error error;
+    int i;
+    for (i = 0; i < SCENES; i++) { /* the second one is larger, the third has three threads */
+        scenes[i] = known_scene(i == 1 ? 30 : 1, 0, i == 2 ? 3 : 1);
+        stage_need(itn_probes_make(scenes[i], NULL, i == 1 ? 5 : 1, &probes[i], &error), &error);
+    }
+    if (all) test_known_film(probes[0], scenes[0], 0);
+    CHECK_CATCHES(test_known_film(probes[0], scenes[0], 1));
+    if (all) test_known_features(probes[0], scenes[0], 0);
+    CHECK_CATCHES(test_known_features(probes[0], scenes[0], 1));
+    CHECK_CATCHES(test_known_features(probes[0], scenes[0], 2));
+    if (all) test_known_net(probes[0], scenes[0], 1);
+    CHECK_CATCHES(test_known_net(probes[0], scenes[0], 3));
+    test_known_sizes(scenes, probes, 0);
+    CHECK_CATCHES(test_known_sizes(scenes, probes, 1));
+    test_known_errors(probes[0], scenes[0]);
+    for (i = 0; i < SCENES; i++) itn_probes_free(probes[i]), itn_scene_free(scenes[i]);
+}
+
 int main(void) {
     CHECK(mkdtemp(net_directory) != NULL);
     sprintf(path, "%s/w", net_directory);
@@ -1789,6 +2023,7 @@ int main(void) {
     CHECK_CATCHES(test_loss_image(0, 2));
     test_loss_choices();
     test_loss_errors();
+    test_known();
     remove(path);
     CHECK(rmdir(net_directory) == 0);
     return check_end("net");
