@@ -2736,7 +2736,7 @@ static itn__num itn__rough(itn_distribution kind, const itn__nvectors *i, const 
     sent = itn__nselect(reflects, itn__nscale(fresnel, .25f * one), sent);
     sent = itn__nmul(sent, itn__ndiv(unit, i->z));
     *pdf = *pdf * sent.v, f = itn__nmul(itn__nmul(f, sent), itn__smith(kind, o, *alpha));
-    good &= itn__less(zero, f.v);
+    good &= itn__less(zero, *pdf);
     *pdf = itn__select(good, *pdf, zero);
     return itn__nselect(good, f, itn__constant(zero));
 }

@@ -412,7 +412,7 @@ static void test_slopes(int count, double planted) {
         for (int run = 0; run < RUNS; run++) {
             itn_render_options options = ITN_ZERO;
             solids_mean ends[2];
-            options.spp = 64, options.seed = 10 + (uint64_t)run;
+            options.spp = 32, options.seed = 10 + (uint64_t)run;
             options.mode = ITN_MODE_REFERENCE;
             for (int end = 0; end < 2; end++) {
                 itn_parameter_values(scene, theta);
