@@ -355,10 +355,10 @@ typedef struct itn_surface_desc {
     const itn_image *image; /* texture: planes as of a map light, values in [0,1], two rows or more;
                                its pixels lie in the middle of equal squares; copied */
     const itn_image *bump;   /* heights in scene units (luminance), in [-1e12,1e12], */
-    const itn_image *normal; /* or normals, 2 (R,G,B) - 1 along the tangent, to where the second
-                                texture coordinate grows, and outwards; both as codes, if of a PNG
-                                file, and bilinear, repeated, of a blend for parts without. What is
-                                on one side of the face and on the other by its normal is lost */
+    const itn_image *normal; /* or normals, 2 (R,G,B) - 1 along the tangent, across it (normal x
+                                tangent) and outwards; both as codes, if of a PNG file, and
+                                bilinear, repeated, of a blend for parts without. What is on one
+                                side of the face and on the other by its normal is lost */
     float bump_scale;        /* multiplies heights, in [0,1e12]; 0 = 1, */
     int has_bump_scale;      /* but as it is if this is 1 */
     const char *const *parts; /* blend: names of 1 to 4096 surfaces, no blends. One may be a
@@ -3190,10 +3190,11 @@ static void itn__site_factor(itn__site *site, const itn__vectors *o, itn__factor
     itn__num value[3];
     itn__floats zero = itn__splat(0), scale = itn__splat(1), inverse = scale;
     itn__vectors still = itn__vectors_of(zero, zero, zero), *frame = site->frame;
-    itn__vectors d = itn__vto_world(*o, frame[0], frame[1], frame[2]), *turn = site->turn;
+    itn__vectors d = still, *turn = site->turn;
     itn__ints up = itn__less(zero, o->z), kept = itn__less(zero, site->i.z);
     const itn__bsdf *bsdf = &itn__bsdfs[site->surface->type];
     int tilted = site->surface->tilted, opaque = (bsdf->flags & ITN__OPAQUE) != 0;
+    if (tilted) d = itn__vto_world(*o, frame[0], frame[1], frame[2]);
     if (tilted) kept &= ~(up ^ itn__less(zero, itn__vdot(d, site->normal)));
     if (opaque) kept &= up;
     int k = f->count ? 0 : -1;
@@ -4226,7 +4227,7 @@ static void itn__site_orient(itn__site *site, int k, const itn_scene *scene,
     }
     float turned = itn__dot(n, itn__cross(gradient[0], gradient[1])) < 0 ? -1.f : 1.f;
     axes[3] = itn__direction(itn__scale(itn__cross(gradient[1], n), turned));
-    axes[0] = itn__scale(axes[3], side), axes[1] = itn__scale(itn__cross(n, axes[0]), turned);
+    axes[0] = itn__scale(axes[3], side), axes[1] = itn__cross(n, axes[3]);
     if (surface->tilted == 1) {
         axes[0] = itn__scale(gradient[0], -side * (float)surface->tilt_width);
         axes[1] = itn__scale(gradient[1], side * (float)surface->tilt_height);

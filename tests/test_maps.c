@@ -116,6 +116,44 @@ static void test_tilt_codes(double planted) {
     CHECK(fabsf(normal[0] - .8f) > .01f);
 }
 
+/* Which way: light from +x, -x, +z, -z on a plane whose normal leans to -x and, as bitangents are
+   normal x tangent, by that map to +z, by heights to -z; seen from above and from below. */
+static double maps_lit; /* where the light is, in turns from -z */
+static double maps_lamp(int column, int row, int c) {
+    double turn = (column + .5) / MAPS_SIDE - maps_lit;
+    (void)c;
+    return row > 4 && row < 11 && fabs(turn - floor(turn + .5)) < .13 ? 10 : 0;
+}
+static void test_tilt_ways(int planted) {
+    static const double sides[4] = {.25, .75, .5, 0}; /* +x -x +z -z */
+    for (int k = 0; k < 4; k++) {
+        double seen[4];
+        for (int j = 0; j < 4; j++) {
+            char text[200];
+            solids_mean m;
+            itn_scene *scene;
+            itn_error error;
+            itn_render_options options = ITN_ZERO;
+            maps_lit = sides[j];
+            itn_file files[2] = {maps_files[k / 2], maps_file("lamp.pfm", 1, maps_lamp)};
+            snprintf(text, sizeof text, "film width 4 height 4\ncamera eye .02 %g 0 target .02 0 "
+                     ".001 up 0 0 1 fov 10\nsurface s type diffuse reflectance .8 %s %s\n"
+                     "object plane surface s\nlight map lamp.pfm", k % 2 ? -.5 : .5,
+                     k / 2 ? "normal" : "bump", files[0].name);
+            stage_need(itn_scene_from_memory(text, strlen(text), NULL, files, 2, NULL, &scene,
+                                             &error), &error);
+            options.spp = 200, options.mode = ITN_MODE_REFERENCE;
+            solids_measure(scene, NULL, &options, NULL, 0, &m);
+            seen[j] = m.value;
+            itn_scene_free(scene);
+            free((void *)(uintptr_t)files[1].bytes);
+        }
+        int below = k % 2, to_z = (k / 2 != 0) ^ below ^ planted;
+        CHECK(below ? seen[0] > 1.2 * seen[1] : seen[1] > 1.2 * seen[0]);
+        CHECK(to_z ? seen[2] > 1.1 * seen[3] : seen[3] > 1.1 * seen[2]);
+    }
+}
+
 /* Slopes of an image by the scale of heights against its differences by the same random numbers. */
 static void test_tilt_slopes(const char *surface, const char *object, int spp, double planted) {
     itn_scene *scene = maps_scene(surface, object, 3);
@@ -428,6 +466,7 @@ int main(void) {
                      "plane surface s", 2000, 0);
     test_tilt_texels(0);
     test_tilt_codes(0);
+    test_tilt_ways(0);
     test_blend(0);
     test_coated("ior 1.5", 1), test_coated("ior 1", 1), test_coated("ior 1 alpha .2", 1);
     test_tilted_solids(0), test_tilted_blend(0);
@@ -438,6 +477,7 @@ int main(void) {
     CHECK_CATCHES(test_tilt(.01));
     CHECK_CATCHES(test_tilt_texels(.1));
     CHECK_CATCHES(test_tilt_codes(.01));
+    CHECK_CATCHES(test_tilt_ways(1));
     CHECK_CATCHES(test_blend(.2));
     CHECK_CATCHES(test_coated("ior 1.5", .8));
     CHECK_CATCHES(test_measured(.9, .2));
