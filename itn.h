@@ -7865,7 +7865,8 @@ ITN__INLINE itn__ints itn__free_flight(const itn__free_space *space, itn__vector
 typedef struct itn__march {
     itn__vectors p, d;
     itn__floats t, end;
-    itn__ints slot; /* of the path */
+    itn__path *paths; /* theirs, */
+    itn__ints slot;   /* by number */
     unsigned busy; /* lanes with a flight */
 } itn__march;
 
@@ -7893,7 +7894,7 @@ ITN__INLINE itn__ints itn__march_step(itn__crowd *crowd, itn__march *m, itn__int
     }
     for (unsigned rest = itn__mask_bits(surface); rest; rest &= rest - 1) {
         int k = itn__lowest_bit(rest), cell = ITN__LANE(at, k);
-        itn__path *path = &crowd->paths[ITN__LANE(m->slot, k)];
+        itn__path *path = &m->paths[ITN__LANE(m->slot, k)];
         float slack = itn__slack(crowd->render->scene, path->p);
         itn_ray ray;
         ray.origin = path->p, ray.direction = path->d;
@@ -7904,7 +7905,7 @@ ITN__INLINE itn__ints itn__march_step(itn__crowd *crowd, itn__march *m, itn__int
         ITN__LANE(m->end, k) = path->hit.t;
     }
     for (unsigned rest = itn__mask_bits(mask & ~inside); rest; rest &= rest - 1)
-        crowd->paths[ITN__LANE(m->slot, itn__lowest_bit(rest))].hit.triangle = -2;
+        m->paths[ITN__LANE(m->slot, itn__lowest_bit(rest))].hit.triangle = -2;
     m->t = leave + ITN__STEP * voxels->cell;
     return inside & itn__less_equal(m->t, m->end);
 }
@@ -7925,18 +7926,17 @@ static void itn__settle_hit(const itn_scene *scene, itn__path *path) {
     }
 }
 
-/* The next surface of each flight in the queue `exact`, in media, up to its distance: its hit has t
-   as far as the flight goes and triangle -1 where there is none. */
-static void itn__find_hits(itn__crowd *crowd) {
-    const itn__queue *queue = &crowd->exact;
+/* The next surface of each flight in a queue, of these paths or shadow rays in media, up to its
+   distance: its hit has t as far as the flight goes and triangle -1 where there is none. */
+static void itn__find_hits(itn__crowd *crowd, itn__path *paths, const itn__queue *queue) {
     itn__march m;
     int next = 0;
-    memset(&m, 0, sizeof m);
+    memset(&m, 0, sizeof m), m.paths = paths;
     while (m.busy || next < queue->count) {
         unsigned fill = ITN__ALL_LANES & ~m.busy;
         for (; fill && next < queue->count; fill &= fill - 1, next++) {
             int k = itn__lowest_bit(fill);
-            itn__path *path = &crowd->paths[queue->slots[next]];
+            itn__path *path = &paths[queue->slots[next]];
             path->hit.t = path->distance, path->hit.triangle = -1;
             path->shear.kz = -1; /* not made yet */
             ITN__LANE(m.p.x, k) = path->p.x, ITN__LANE(m.d.x, k) = path->d.x;
@@ -7947,8 +7947,8 @@ static void itn__find_hits(itn__crowd *crowd) {
         }
         m.busy = itn__mask_bits(itn__march_step(crowd, &m, itn__bits_mask(m.busy)));
     }
-    for (int i = 0; i < crowd->exact.count; i++)
-        itn__settle_hit(crowd->render->scene, &crowd->paths[crowd->exact.slots[i]]);
+    for (int i = 0; i < queue->count; i++)
+        itn__settle_hit(crowd->render->scene, &paths[queue->slots[i]]);
 }
 
 /* ---- [walk] shadow rays; collisions, one after the other ------------------------------------- */
@@ -8008,13 +8008,19 @@ static int itn__pass_shadow(itn__crowd *crowd, itn__path *ray) {
     return 1;
 }
 
-/* Brings all shadow rays to their ends. */
+/* Brings all shadow rays to their ends: the flights of those in media together. */
 ITN__NOINLINE void itn__trace_shadows(itn__crowd *crowd) {
-    while (crowd->ray_count) {
-        itn__path *ray = &crowd->rays[--crowd->ray_count];
-        do itn__find_hit(crowd->render->scene, ray);
-        while (itn__pass_shadow(crowd, ray));
-    }
+    const itn__render *render = crowd->render;
+    itn__queue inside;
+    inside.count = 0;
+    for (int i = 0; i < crowd->ray_count; i++)
+        if (itn__substance_of(render, &crowd->rays[i].place)) inside.slots[inside.count++] = i;
+        else itn__find_hit(render->scene, &crowd->rays[i]);
+    itn__find_hits(crowd, crowd->rays, &inside);
+    for (int i = 0; i < crowd->ray_count; i++)
+        while (itn__pass_shadow(crowd, &crowd->rays[i]))
+            itn__find_hit(render->scene, &crowd->rays[i]);
+    crowd->ray_count = 0;
 }
 
 /* itn__sum_radiance of directions; returns the density with which they would be drawn. */
@@ -8482,7 +8488,7 @@ static void itn__meet(itn__crowd *crowd, itn__path *path) {
    of all solids, has lost its own, as rounding makes it happen in needles: it goes on outside. */
 ITN__NOINLINE void itn__run_exact(itn__crowd *crowd, int substance) {
     const itn_scene *scene = crowd->render->scene;
-    if (substance) itn__find_hits(crowd);
+    if (substance) itn__find_hits(crowd, crowd->paths, &crowd->exact);
     for (int i = 0; i < crowd->exact.count; i++) {
         itn__path *path = &crowd->paths[crowd->exact.slots[i]];
         if (!substance) itn__find_hit(scene, path);
