@@ -13577,7 +13577,8 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 
 /* [history] what changed for callers, newest first
    0.12.0 materials: mirror, conductor, rough diffuse, Ward, Ashikhmin and Shirley, measured (MERL),
-          Beckmann's facets, blends of all; bump and normal maps
+          Beckmann's facets, blends of all; bump and normal maps; phase functions of von Mises and
+          Fisher, mixtures of lobes; lights by spherical harmonics
    0.11.0 rough and smooth dielectrics under maps and skies render several times as efficiently;
           samples by pixel for gradients, too.
           breaks: itn_refine is Gauss-Newton alone: itn_method, the options method and learning_rate
@@ -13616,7 +13617,8 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
                   Visual Computer 1990;
                   I. Wald, On Fast Construction of SAH-based Bounding Volume Hierarchies, RT 2007;
                   T. Ize, Robust BVH Ray Traversal, JCGT 2013
-     medium       L. Henyey, J. Greenstein, Diffuse Radiation in the Galaxy, ApJ 1941
+     medium       L. Henyey, J. Greenstein, Diffuse Radiation in the Galaxy, ApJ 1941;
+                  I. Gkioulekas et al., Inverse Volume Rendering with Material Dictionaries, 2013
      surface      B. Walter et al., Microfacet Models for Refraction through Rough Surfaces, 2007;
                   J. Dupuy, A. Benyoub, Sampling Visible GGX Normals with Spherical Caps, HPG 2023;
                   M. Oren, S. Nayar, Generalization of the Lambertian Model, IJCV 1995;
