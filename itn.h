@@ -410,10 +410,11 @@ typedef struct itn_light_desc {
                                 pixels are at u = (column + .5) / width, v = row / (height - 1);
                                 Y or R,G,B or a single plane (with one channel their luminance) in
                                 [0,1e18], at least 2 rows and at most 715 million pixels; copied */
-    float harmonics[3][25];  /* sh: by channels, coefficients of real orthonormal harmonics Y_lm, at
-                                l^2 + l + m; z of their formulas is y here, x is z, y is x: Y_1-1 is
-                                .4886 x. Negative radiance counts as it is */
-    int harmonic_count;      /* (order + 1)^2: 1, 4, 9, 16 or 25 */
+    float harmonics[75];     /* sh: coefficients of real orthonormal harmonics Y_lm, at l^2 + l + m;
+                                z of their formulas is y here, x is z, y is x: Y_1-1 is .4886 x.
+                                Negative radiance counts as it is */
+    int harmonic_count;      /* (order + 1)^2, order at most 4: one run, which counts for all
+                                channels, or with three channels three */
     itn_sky sky;
     itn_vec3 sun_direction;  /* sky: towards the sun, above the horizon */
     float scale, sun_scale;  /* multiply the light and the sun of a sky, in [0,1e12] */
@@ -6112,12 +6113,15 @@ static itn_result itn__make_harmonics(itn__maker *maker, const itn_light_desc *i
     itn_scene *scene = maker->scene;
     float largest = 0;
     int l = 0, count = in->harmonic_count, channels = scene->film.channels;
-    while (light->order < 5 && (light->order + 1) * (light->order + 1) != count) light->order++;
-    if (light->order > 4)
-        return ITN__REFUSE("sh has 1, 4, 9, 16 or 25 coefficients, or three times as many");
+    int three = count != 9 && count % 3 == 0;
+    if (three) count /= 3;
+    while (light->order < 5 && itn__harmonic_count(light) != count) light->order++;
+    if (light->order > 4 || (three && channels == 1))
+        return ITN__REFUSE("sh has 1, 4, 9, 16 or 25 coefficients, or with 3 channels three times "
+                           "as many");
     light->first = scene->parameter_count, light->harmonics = ITN__KEEP(float, 3 * count);
     for (int k = 0; k < 3 * count && !maker->result; k++) {
-        float value = light->harmonics[k] = in->harmonics[k % 3 % channels][k / 3];
+        float value = light->harmonics[k] = in->harmonics[k / 3 + (three ? k % 3 * count : 0)];
         char name[16];
         while ((l + 1) * (l + 1) <= k / 3) l++;
         itn__print(name, sizeof name, "c%d%d", l, k / 3 - l * l - l);
@@ -11020,20 +11024,17 @@ static itn_result itn__view_check(const itn_view *given, const itn_film_desc *fi
 
 /* Finds the phase functions of every sigma_t and albedo that are unknown, where they are, too. */
 static void itn__find_phases(itn__refiner *refiner, const itn__refine_view *view) {
-    const int *sought = view->given->parameters;
-    for (int i = 0; i < view->scene->medium_count * view->scene->film.channels * refiner->count;
-         i++) {
-        int k = i % refiner->count, m = i / refiner->count, found = 0;
-        int c = m % view->scene->film.channels;
-        const itn__medium *medium = &view->scene->media[m / view->scene->film.channels];
-        itn__sought g = {medium, view->theta + medium->g[c], {0}};
-        if (sought[k] != medium->sigma_t[c] && sought[k] != medium->albedo + c) continue;
-        for (int j = 0; j < medium->shapes; j++) {
-            g.unknown[j] = -1;
-            for (int other = 0; other < refiner->count; other++)
-                if (sought[other] == medium->g[c] + j) g.unknown[j] = other, found = 1;
-        }
-        if (found) refiner->g[k] = g;
+    const int *sought = view->given->parameters, channels = view->scene->film.channels;
+    for (int m = 0; m < view->scene->medium_count * channels; m++) {
+        const itn__medium *medium = &view->scene->media[m / channels];
+        int c = m % channels, found = 0;
+        itn__sought g = {medium, view->theta + medium->g[c], {-1, -1, -1, -1, -1, -1, -1}};
+        for (int k = 0, j; k < refiner->count; k++)
+            if ((j = sought[k] - medium->g[c]) >= 0 && j < medium->shapes)
+                g.unknown[j] = k, found = 1;
+        for (int k = 0; k < refiner->count && found; k++)
+            if (sought[k] == medium->sigma_t[c] || sought[k] == medium->albedo + c)
+                refiner->g[k] = g;
     }
 }
 
@@ -13310,20 +13311,14 @@ static void itn__read_path(itn__reader *r, const itn__field *field) {
 /* Takes harmonics: the numbers that follow in a line or, of a file, all. */
 static void itn__take_harmonics(itn__reader *r, itn__text *text, int file) {
     itn_light_desc *light = (itn_light_desc *)(void *)r->item;
-    float n[3 * ITN__HARMONICS + 2]; /* more are too many */
-    int count = 0;
     do {
         while (!itn__line_done(text) && (file || strchr("+-.0123456789", *text->at))) {
-            n[count] = (float)itn__take_decimal(text, "sh");
-            count += count <= 3 * ITN__HARMONICS;
+            float number = (float)itn__take_decimal(text, "sh");
+            if (light->harmonic_count++ < 3 * ITN__HARMONICS) /* more are refused later */
+                light->harmonics[light->harmonic_count - 1] = number;
         }
         if (file) itn__next_line(text);
     } while (file && text->at < text->end);
-    int three = count % 3 == 0 && count != 9, each = three ? count / 3 : count;
-    light->harmonic_count = each;
-    if (three && !r->colour_line) r->colour_line = r->text.line;
-    for (int k = 0; k < 3 * each && each <= ITN__HARMONICS; k++)
-        light->harmonics[k / each][k % each] = n[three ? k : k % each];
 }
 
 /* Reads what follows a field's name; returns how many numbers. */

@@ -333,7 +333,8 @@ static double irradiated(const itn_image *map, double radius_scale, int channel)
         for (c = 0; c < COLUMNS; c++) {
             double v = .5 * (r + .5) / ROWS, u = (c + .5) / COLUMNS, radiance;
             float rgb[3];
-            if (!map) itn__light_radiance(&light, NULL, 3, one_map_direction((float)u, (float)v), rgb);
+            itn_vec3 d = one_map_direction((float)u, (float)v);
+            if (!map) itn__light_radiance(&light, NULL, 3, d, rgb);
             radiance = map ? map_value(map, u, v) : rgb[channel];
             sum += radiance * cos(pi * v) * sin(pi * v) * pi * pi / ((double)ROWS * COLUMNS);
         }
@@ -436,7 +437,8 @@ static void check_harmonics(double planted) {
     memset(product, 0, sizeof product);
     for (int i = 0; i < ROWS * COLUMNS; i++) {
         double cosine = (i / COLUMNS + .5) * 2 / ROWS - 1, sine = sqrt(1 - cosine * cosine);
-        double phi = 2 * pi * (i % COLUMNS + .3) / COLUMNS, a = sine * sin(phi), c = sine * cos(phi);
+        double phi = 2 * pi * (i % COLUMNS + .3) / COLUMNS;
+        double a = sine * sin(phi), c = sine * cos(phi);
         itn__vectors d = one_vectors(solids_vec3(a, cosine, c));
         const double known[9] = {
             .5 / sqrt(pi), .4886025 * a, .4886025 * cosine, .4886025 * c, 1.0925484 * a * c,
@@ -455,12 +457,11 @@ static void check_harmonics(double planted) {
                    2e-4);
 }
 
-static itn_light_desc harmonic_light(int count, double first) {
+static itn_light_desc harmonic_light(int count, int channels, double first) {
     itn_light_desc light = ITN_ZERO;
-    light.type = ITN_LIGHT_SH, light.harmonic_count = count;
-    for (int k = 0; k < 3 * count; k++)
-        light.harmonics[k / count][k % count] = (float)sin(k * 1.7 + 1 + k / count);
-    for (int c = 0; c < 3; c++) light.harmonics[c][0] = (float)first;
+    light.type = ITN_LIGHT_SH, light.harmonic_count = channels * count;
+    for (int k = 0; k < channels * count; k++)
+        light.harmonics[k] = k % count ? (float)sin(k * 1.7 + 1 + k / count) : (float)first;
     return light;
 }
 
@@ -468,14 +469,15 @@ static itn_light_desc harmonic_light(int count, double first) {
    the first coefficient times sqrt(4 pi), and little varies. */
 static void check_harmonic_draws(int planted) {
     enum { DRAWS = 1 << 17 };
-    itn_light_desc desc = harmonic_light(25, 2);
+    itn_light_desc desc = harmonic_light(25, 3, 2);
     itn_scene *scene = plane_scene(&desc, 3, 4);
     const itn__light *light = &scene->lights[0];
     const itn__light_model *model = &itn__light_models[light->kind];
     itn__rng rng = itn__rng_make(9, 0, 0);
     double mean = 0, square = 0, expected = 0, least = 0;
     for (int c = 0; c < 3; c++)
-        expected += (double)light->harmonics[c] * sqrt(4 * pi) * (c == 1 ? .7152 : c ? .0722 : .2126);
+        expected += sqrt(4 * pi) * (double)light->harmonics[c] *
+                    (c == 1 ? .7152 : c ? .0722 : .2126);
     for (int i = 0; i < DRAWS; i += ITN__LANES) {
         itn__floats u = itn__splat(0), v = u, rgb[3], pdf;
         itn__towards to;
@@ -501,7 +503,7 @@ static void check_harmonic_draws(int planted) {
    much of the radiance is negative. */
 static void check_harmonic_pictures(int channels, double planted) {
     enum { PIXELS = 16 };
-    itn_light_desc desc = harmonic_light(9, .3);
+    itn_light_desc desc = harmonic_light(9, channels, .3);
     itn_scene *scene = plane_scene(&desc, channels, 4);
     itn_render_options options = ITN_ZERO;
     itn_image image, basis;
@@ -540,7 +542,7 @@ static void check_harmonic_pictures(int channels, double planted) {
 static void check_harmonic_walks(double factor) {
     static const char *const names[2] = {"m.sigma_t", "light.scale"};
     itn_mesh mesh = solids_sphere(1, 3);
-    itn_light_desc light = harmonic_light(9, .4);
+    itn_light_desc light = harmonic_light(9, 1, .4);
     solids_mean means[2][3];
     for (int k = 0; k < 2; k++) {
         solids_desc desc = ITN_ZERO;

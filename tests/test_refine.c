@@ -287,6 +287,47 @@ static void test_similarity(double planted) {
     itn_scene_free(scene);
 }
 
+/* The same of a mixture, of which one lobe is known: G is that of the coordinates, and along the
+   valley sigma_t (1 - g) stays, g being the mean cosine. planted: a wrong slope. */
+static void test_similar_lobes(double planted) {
+    enum { N = 4 };
+    static const char *const names[N] = {"m.sigma_t", "m.albedo", "m.weight1", "m.kappa2"};
+    static const float values[N] = {3, .7f, .4f, 5};
+    static float target[PIXELS];
+    double there[N], v[2][N], h = 1e-6;
+    int parameters[N], k, l;
+    itn_view view = ITN_ZERO;
+    itn__refiner refiner;
+    stage s;
+    stage_begin(&s, SIZE, 3, 40);
+    itn_mesh mesh = solids_sphere(1, 1);
+    itn_medium_desc *medium = stage_medium(&s, "m", 3, .7, 0);
+    medium->phase = ITN_PHASE_MIX, medium->lobe_count = 2;
+    medium->lobes[0].shape = -.4f, medium->lobes[0].weight = medium->lobes[1].weight = .5f;
+    medium->lobes[1].phase = ITN_PHASE_VMF, medium->lobes[1].shape = 2;
+    stage_object(&s, &mesh, "m", NULL), stage_constant(&s, "light", 1);
+    itn_scene *scene = stage_make(&s);
+    find_parameters(scene, names, N, parameters);
+    target[0] = 1, view.scene = scene, view.target = target, view.parameters = parameters;
+    begin_search(&refiner, &view, N, values, 4);
+    for (k = 0; k < N; k++) {
+        for (int side = 0; side < 2; side++) {
+            memcpy(there, refiner.coordinates, sizeof there);
+            there[k] += side ? -h : h, values_at(&refiner, there, v[side]);
+        }
+        for (l = 0; l < N; l++)
+            CHECK_NEAR(refiner.turn[l * N + k], (v[0][l] - v[1][l]) / (2 * h) + planted, 1e-6);
+    }
+    memcpy(there, refiner.coordinates, sizeof there);
+    there[2] += .3, there[3] -= .5, values_at(&refiner, there, v[0]);
+    double g = -.4 * v[0][2] + (1 - v[0][2]) * (1 / tanh(v[0][3]) - 1 / v[0][3]);
+    double was = -.4 * .4 + .6 * (1 / tanh(5.) - .2);
+    CHECK_NEAR(v[0][0] * (1 - g), 3 * (1 - was), 1e-6);
+    CHECK_NEAR(v[0][1] / (1 - v[0][1]) * (1 - g), 7 / 3. * (1 - was), 1e-6);
+    end_search(&refiner);
+    itn_scene_free(scene), itn_mesh_free(&mesh);
+}
+
 /* ---- recovery ---------------------------------------------------------------------------------------- */
 
 typedef struct watch {
@@ -2342,6 +2383,7 @@ int main(void) {
     test_held(1, 0);
     test_held(-1, -1);
     test_similarity(0);
+    test_similar_lobes(0);
     test_doubt(0);
     test_untold_step(0);
     test_learn(0);
@@ -2390,6 +2432,7 @@ int main(void) {
     CHECK_CATCHES(test_choice_of_starts(0));
     CHECK_CATCHES(test_bad_fit(1));
     CHECK_CATCHES(test_similarity(1e-4));
+    CHECK_CATCHES(test_similar_lobes(1e-4));
     CHECK_CATCHES(test_held(1, 1e-3));
     CHECK_CATCHES(test_doubt(10));
     CHECK_CATCHES(test_untold_step(1));

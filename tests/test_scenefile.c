@@ -295,7 +295,7 @@ static const bad_line bad_lines[] = {
     {"object medium m mesh cube.obj", ITN_ERROR_FORMAT, "'medium' is none of: mesh plane"},
     {"light sh", ITN_ERROR_FORMAT, "sh: the line ends too early"},
     {"light sh 1 2", ITN_ERROR_FORMAT, "light: sh has 1, 4, 9, 16 or 25 coefficients"},
-    {"light sh 1 2 3", ITN_ERROR_FORMAT, "channels 3"},
+    {"light sh 1 2 3", ITN_ERROR_FORMAT, "with 3 channels three times as many"},
     {"light sh 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 "
      "1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1", ITN_ERROR_FORMAT,
      "sh has 1, 4, 9"},
