@@ -1,6 +1,6 @@
 #!/bin/sh
 # Compiles and runs the short program portable.c everywhere it can: compilers, processors, systems,
-# languages, switches. Says what ran where, with what result, and what could not; ends in a count.
+# languages, switches; with its threads watched, too. Says what ran where, with what result, and what could not; ends in a count.
 # Fails if anything fails; what is not to be had here is left out, and said.
 #
 #   make -C tests matrix            (some minutes)
@@ -124,6 +124,8 @@ for cc in gcc clang; do
     runs avx512dq && why=
     row "$cc -O3 AVX-512, GNU C23" "$why" $cc -std=gnu2x -O3 -march=skylake-avx512 -Wno-pedantic
     row "$cc -O2, unsigned char, static, C2x" "" $cc -std=c2x -O2 -funsigned-char -DITN_STATIC
+    row "$cc -O1, threads, ThreadSanitizer" "" $cc -std=c99 -O1 -g1 -fsanitize=thread \
+        -DITN_THREADS -pthread
     has $cxx || { leave_out "$cxx" "not installed"; continue; }
     row "$cxx -O2, C++11" "" $cxx -x c++ -std=c++11 -O2
     row "$cxx -O1, static, C++20" "" $cxx -x c++ -std=c++20 -O1 -DITN_STATIC

@@ -147,6 +147,41 @@ static void search(void) {
     itn_scene_free(scene);
 }
 
+/* Threads that render one scene at once, which then makes its tables for all of them. */
+#if defined(ITN_THREADS) && !defined(_WIN32)
+#include <pthread.h>
+static void *render_again(void *user) {
+    itn_image *image = (itn_image *)user;
+    itn_render_options options = ITN_ZERO;
+    const itn_scene *scene = (const itn_scene *)(const void *)image->pixels;
+    options.spp = 4, image->pixels = NULL;
+    itn_render(scene, NULL, &options, NULL, 0, image, NULL);
+    return NULL;
+}
+static void at_once(void) {
+    enum { COUNT = 4 };
+    itn_scene *scene = NULL;
+    itn_image images[COUNT];
+    pthread_t threads[COUNT];
+    int k;
+    check(make_scene(1, .2f, 1, &scene) == ITN_OK, "at once");
+    memset(images, 0, sizeof images);
+    for (k = 0; k < COUNT; k++) {
+        images[k].pixels = (float *)(void *)scene; /* the way in */
+        check(!pthread_create(&threads[k], NULL, render_again, &images[k]), "a thread");
+    }
+    for (k = 0; k < COUNT; k++) {
+        check(!pthread_join(threads[k], NULL) && images[k].pixels &&
+                  !memcmp(images[k].pixels, images[0].pixels, 256 * sizeof(float)),
+              "pictures made at once are the same");
+    }
+    for (k = 0; k < COUNT; k++) itn_image_free(&images[k]);
+    itn_scene_free(scene);
+}
+#else
+static void at_once(void) {}
+#endif
+
 #ifndef ITN_NO_NET
 /* A network of weights that are known exactly learns two pictures. */
 static void network(FILE *out, const char *folder) {
@@ -344,6 +379,7 @@ int main(int count, char **words) {
     render(out, "fast_rough", 3, .2f, 1, ITN_MODE_FAST);
 #endif
     search();
+    at_once();
 #ifndef ITN_NO_NET
     network(out, words[2]);
 #endif
