@@ -248,7 +248,7 @@ static void test_blend(double planted) {
 }
 
 #define MAPS_SLAB "mesh slab.obj medium m surface s"
-/* A blend that is tilted as a whole is one of tilted parts; a part with a map of its own keeps it. */
+/* A blend that is tilted as a whole is one of tilted parts; one with a map of its own keeps it. */
 static void test_tilted_blend(double planted) {
     for (int k = 0; k < 4; k++) {
         itn_mode mode = k % 2 ? ITN_MODE_FAST : ITN_MODE_REFERENCE;
