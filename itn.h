@@ -11303,16 +11303,17 @@ ITN_API ITN__COLD int itn_refine_words(const itn_parameter *const *parameters, i
    picture in question, less the same, the combination of probes that is most like it solves
        (G + e) x = b,    b_k = <B_k, r>,    G_kl = <B_k, B_l>,
    <,> being means over pixels, weighted by 1 / (1 + v / s^2) / (1 + u^2 / t), where v is the
-   variance of r and t the mean of B_k^2: what a pixel tells of media. These x hardly depend on the
-   scene: they tell where the picture lies between the probes. So a small network, trained on scenes
-   of all kinds, reads the material off x and off how far the picture is from each probe and from
-   their combination, and says how sure that is.
+   variance of r and t the mean of B_k^2. These x, where the picture lies between the probes, hardly
+   depend on the scene. So a small network, trained on scenes of all kinds, reads the material off x
+   and off how far the picture is from the probes, and says how sure that is.
 
    Pictures are reduced to some 32 pixels each way and blurred, and a little light is added. The
    network sees all features in each of 2x2 pixels, which makes its convolutions hidden units that
    take the largest of four sums (maxout, Goodfellow et al. 2013). */
 
-enum { ITN__PROBES = 14, ITN__PROBE_SIDE = 32, ITN__PROBE_PATHS = 49152 };
+enum { ITN__PROBES = 14 };
+#define ITN__PROBE_SIDE 32. /* pixels */
+#define ITN__PROBE_PATHS 49152.
 #define ITN__PROBE_DARK .02f /* of the mean light of what media change, in the first probe */
 #define ITN__PROBE_SQUARES .0747681f /* the sum of squared weights of a blur's two passes */
 #define ITN__PROBE_NOISE .05  /* s */
@@ -11365,7 +11366,7 @@ static itn_result itn__known_render(itn_probes *probes, float *theta, uint64_t s
                                     itn_error *error) {
     size_t pixels = probes->view.pixels, two = 2 * pixels, changed = 0;
     itn_render_options options = ITN_ZERO;
-    options.spp = (int)fmax(2, (double)ITN__PROBE_PATHS / (double)pixels), options.walks = 1;
+    options.spp = (int)fmax(2, ITN__PROBE_PATHS / (double)pixels), options.walks = 1;
     for (size_t k = 0; k < ITN__PROBES; k++) {
         itn_image image;
         for (int j = 0; j < 3; j++) theta[probes->at[j]] = itn__probe_media[k][j];
@@ -11380,12 +11381,12 @@ static itn_result itn__known_render(itn_probes *probes, float *theta, uint64_t s
         if (probes->pictures[i] != probes->pictures[two + i])
             probes->light += probes->pictures[i], changed++;
     probes->light /= (float)changed;
-    if (!(probes->light > 1e-30f && probes->light < 1e30f))
+    if (!(probes->light > 1e-18f && probes->light < 1e18f)) /* also if nothing has changed */
         return itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "itn_probes_make: no light comes from "
-                         "the medium, or too much for floats");
+                         "the medium, or too much");
     for (size_t k = 0; k < ITN__PROBES; k++) itn__known_log(probes, probes->pictures + k * two);
     for (size_t i = 0; i < ITN__PROBES * two; i++)
-        probes->mean[i % two] += probes->pictures[i] / ITN__PROBES;
+        probes->mean[i % two] += probes->pictures[i] / (float)ITN__PROBES;
     for (size_t i = 0; i < ITN__PROBES * two; i++) probes->pictures[i] -= probes->mean[i % two];
     return ITN_OK;
 }
@@ -11457,40 +11458,38 @@ static void itn__known_reduce(const itn_probes *probes, const float *target, con
     itn__known_log(probes, picture);
 }
 
-/* Makes G, b and <r, r> of a reduced picture, last in `right`; of an unknown scale, which is a
-   constant in logarithms, with the means over pixels taken off. Returns 0 if less than a pixel
-   counts. */
+/* Makes G of a reduced picture, with r as its last B, so that b and <r, r> are its last row; of an
+   unknown scale, a constant in logarithms, with the means over pixels taken off. Returns 0 if less
+   than a pixel counts. */
 static int itn__known_sums(const itn_probes *probes, const float *picture, const float *counts,
-                           int scale_known, double *matrix, double *right) {
-    enum { K = ITN__PROBES };
+                           int scale_known, double *sums) {
+    enum { K = ITN__PROBES, N = K + 1 };
     size_t pixels = probes->view.pixels;
-    double mean[K + 1] = {0}, sum = 0, b[K + 1];
-    memset(matrix, 0, K * K * sizeof *matrix), memset(right, 0, (K + 1) * sizeof *right);
+    double mean[N] = {0}, b[N], all = 0;
+    memset(sums, 0, N * N * sizeof *sums);
     for (size_t i = 0; i < pixels; i++) {
         double variance = (double)picture[pixels + i] + (double)probes->mean[pixels + i], told = 0;
         for (size_t k = 0; k < K; k++)
-            b[k] = (double)probes->pictures[2 * k * pixels + i], told += b[k] * b[k] / K;
+            b[k] = (double)probes->pictures[2 * k * pixels + i], told += b[k] * b[k] / (double)K;
         double w = counts[i] / (1 + variance / (ITN__PROBE_NOISE * ITN__PROBE_NOISE)) * told /
                    (told + ITN__PROBE_TOLD * ITN__PROBE_TOLD);
-        b[K] = (double)picture[i] - (double)probes->mean[i];
-        for (int k = 0; k < K * K; k++) matrix[k] += w * b[k / K] * b[k % K];
-        for (int k = 0; k <= K; k++) right[k] += w * b[k] * b[K], mean[k] += w * b[k];
-        sum += w;
+        b[K] = (double)picture[i] - (double)probes->mean[i], all += w;
+        for (int k = 0; k < N * N; k++) sums[k] += w * b[k / N] * b[k % N];
+        for (int k = 0; k < N; k++) mean[k] += w * b[k];
     }
-    if (!(sum > 1)) return 0;
-    for (int k = 0; k <= K; k++) mean[k] *= scale_known ? 0 : 1 / sum;
-    for (int k = 0; k < K * K; k++) matrix[k] = matrix[k] / sum - mean[k / K] * mean[k % K];
-    for (int k = 0; k <= K; k++) right[k] = right[k] / sum - mean[k] * mean[K];
+    if (!(all > 1)) return 0;
+    for (int k = 0; k < N; k++) mean[k] *= scale_known ? 0 : 1 / all;
+    for (int k = 0; k < N * N; k++) sums[k] = sums[k] / all - mean[k / N] * mean[k % N];
     return 1;
 }
 
-/* What the network sees of these: how far the picture is from each probe and from the nearest
-   combination, which that is, and where it began. */
-static void itn__known_features(double *matrix, const double *right, int scale_known, float *f) {
-    enum { K = ITN__PROBES };
-    double axes[K * K], x[K] = {0}, left = right[K];
-    for (int k = 0; k < K; k++)
-        f[k] = (float)log(fmax(right[K] - 2 * right[k] + matrix[k * (K + 1)], 0) + 1e-3);
+/* What the network sees of these: how far the picture is from each probe, from their mean and from
+   the nearest combination, and which that is. */
+static void itn__known_features(const double *sums, int scale_known, float *f) {
+    enum { K = ITN__PROBES, N = K + 1 };
+    const double *right = sums + K * N;
+    double matrix[K * K], axes[K * K], x[K] = {0}, left = right[K];
+    for (int k = 0; k < K * K; k++) matrix[k] = sums[k / K * N + k % K];
     itn__eigen(matrix, axes, K);
     for (int j = 0; j < K; j++) {
         double told = matrix[j * (K + 1)], least = told + ITN__PROBE_RIDGE, along = 0;
@@ -11498,7 +11497,10 @@ static void itn__known_features(double *matrix, const double *right, int scale_k
         for (int k = 0; k < K; k++) x[k] += axes[k * K + j] * along / least;
         left += (told / least - 2) * along * along / least;
     }
-    for (int k = 0; k < K; k++) f[K + k] = (float)fmax(-4, fmin(x[k], 4));
+    for (int k = 0; k < K; k++) {
+        f[k] = (float)log(fmax(right[K] - 2 * right[k] + sums[k * (N + 1)], 0) + 1e-3);
+        f[K + k] = (float)fmax(-4, fmin(x[k], 4));
+    }
     f[2 * K] = (float)log(fmax(right[K], 0) + 1e-3);
     f[2 * K + 1] = (float)log(fmax(left, 0) + 1e-4);
     f[2 * K + 2] = scale_known ? 1.f : 0.f, f[2 * K + 3] = 1;
@@ -11507,7 +11509,7 @@ static void itn__known_features(double *matrix, const double *right, int scale_k
 ITN_API itn_result itn_probes_features(const itn_probes *probes, const float *target,
                                        const float *target_variance, int scale_known,
                                        float *features, itn_error *error) {
-    double matrix[ITN__PROBES * ITN__PROBES], right[ITN__PROBES + 1];
+    double sums[(ITN__PROBES + 1) * (ITN__PROBES + 1)];
     itn_view given = ITN_ZERO;
     if (!probes || !target || !features)
         return ITN__INVALID("itn_probes_features: NULL argument");
@@ -11515,11 +11517,11 @@ ITN_API itn_result itn_probes_features(const itn_probes *probes, const float *ta
     itn_result result = itn__view_check(&given, &probes->film, 0, error);
     if (result) return result;
     float *picture = ITN__NEW(float, &probes->scene.context, 3 * probes->view.pixels);
-    float *counts = picture + 2 * probes->view.pixels;
     if (!picture) return itn__out_of_memory(error, "a reduced picture");
+    float *counts = picture + 2 * probes->view.pixels;
     itn__known_reduce(probes, target, target_variance, scale_known, picture, counts);
-    if (itn__known_sums(probes, picture, counts, scale_known, matrix, right))
-        itn__known_features(matrix, right, scale_known, features);
+    if (itn__known_sums(probes, picture, counts, scale_known, sums))
+        itn__known_features(sums, scale_known, features);
     else result = ITN__INVALID("itn_probes_features: hardly a pixel that counts shows the medium");
     itn__free(&probes->scene.context, picture);
     return result;

@@ -95,7 +95,8 @@ done
 # the main job, of a smaller picture; then a target that the scene is not
 sed "s/96/32/g; s|shapes/|scenes/shapes/|; s|t3-e60|scenes/t3-e60|" \
     scenes/default.itn > default.itn
-keep "invert" ./invert default.itn --spp 16 -o quick
+keep "invert" ./invert default.itn --net scenes/known.net --spp 16 -o quick
+prints "^read  milk\\.sigma_t [0-9.]+ \\+- [0-9.]+  milk.albedo [0-9.]+ \\+- [0-9.]+  milk.g [0-9.]+ "
 for name in sigma_t albedo g; do
     prints "^milk\\.$name [0-9.e+-]+ \\+- [0-9.e+-]+ hidden [0-9.]+$"
 done
@@ -142,6 +143,12 @@ check "render: another shape" ./render odd.itn -o odd.exr --spp 2 -q
 refused 'another shape' "a target of another shape" ./invert default.itn --target odd.exr
 # the command line says what it has, and what was meant
 keep "invert --help" ./invert --help
+keep "invert: not all sought" ./invert default.itn --net scenes/known.net --params milk.albedo \
+    --spp 2 --iterations 1 -o again
+prints '^nothing is read off the picture: not all'
+refused 'needs a value' "known: no number" ./known a.net --shapes scenes/shapes --scenes
+refused 'has no meshes' "known: no meshes" ./known a.net --shapes scenes/maps
+refused 'usage' "known: no shapes" ./known a.net
 prints '--crop X,Y,W,H +the pixels'
 keep "render -h" ./render -h
 prints '--spp N +samples per pixel'
