@@ -461,12 +461,11 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
        camera  eye X Y Z  target X Y Z  [up X Y Z] [fov DEGREES]     (0 1 0; 30, horizontal axis)
        medium  NAME  sigma_t COLOUR  albedo COLOUR  [PHASE]
                or  mu_a COLOUR  mu_s COLOUR  [PHASE]  or  mu_a COLOUR  mu_s' COLOUR  g COLOUR
-       surface NAME  type dielectric  [ior N] [alpha A] [distribution ggx|beckmann]
-                                                                   (1.5; 0, which is smooth; ggx)
+       surface NAME  type dielectric  [ior N] [ROUGH]                                      (1.5)
+       surface NAME  type conductor  eta COLOUR  k COLOUR  [R] [ROUGH]                       (1)
+           where ROUGH is  alpha A [distribution ggx|beckmann]      (0, which is smooth; ggx)
        surface NAME  type diffuse|mirror  R, for one of:  reflectance COLOUR
                      | reflectance [COLOUR] texture FILE | reflectance checker COLOUR COLOUR SIZE
-       surface NAME  type conductor  eta COLOUR  k COLOUR  [alpha A] [distribution ggx|beckmann]
-                                     [R]                         (0, which is smooth; ggx; 1)
        surface NAME  type rough_diffuse  R  sigma DEGREES
        surface NAME  type ward  R  alpha_x A  [alpha_y A]                           (as alpha_x)
        surface NAME  type ashikhmin  R  specular COLOUR  nu N  [nv N]                    (as nu)
@@ -533,8 +532,8 @@ ITN_API int itn_scene_tissue(const itn_scene *scene, const float *theta, const c
                   their sum. Derivatives by weights need some of each lobe, or they are too small)
        surfaces   opaque: reflectance, and of a checker reflectance2
                   dielectric: ior; conductor: eta, k; if these are rough: alpha
-                  rough_diffuse: sigma; ward: alpha_x, alpha_y; ashikhmin: specular, nu, nv
-                  (without alpha_y and nv, alpha_x and nu count for both)
+                  rough_diffuse: sigma; ward: alpha_x (and alpha_y, if given, else both in one);
+                  ashikhmin: specular, nu (and nv)
                   blend: weight1, weight2, ... whose sum is then not checked
                   with bump: bump_scale
        lights     scale and, of a sky, sun_scale, of sh c00, c1-1, c10, ... up to 1000 times the
@@ -2565,8 +2564,7 @@ static itn__vectors itn__phase_turn(const itn__phase *phase, itn__vectors direct
    fit of G1; facets are drawn from GGX all the same, as the ratio is at most about 2.
    Opaque surfaces have f on either side, with reflectance rho and h ~ i + o of length 1:
      diffuse    rho / pi; drawn with density cos theta_o / pi, so f cos theta_o / pdf is rho;
-     mirror     all in one direction, times rho;
-     conductor  rho F D G1(i) G1(o) / (4 i_z o_z), F by an index eta - i k;
+     conductor  rho F D G1(i) G1(o) / (4 i_z o_z), F by an index eta - i k, of a mirror 1;
      rough      rho / pi (A + B max(0, cos(phi_i - phi_o)) sin a tan b), a the larger, b the smaller
      diffuse    polar angle, A = 1 - .5 s^2 / (s^2 + .33), B = .45 s^2 / (s^2 + .09), with s = sigma
                 (Oren and Nayar 1995, their qualitative model);
@@ -2655,9 +2653,8 @@ ITN__INLINE itn__num itn__fresnel(itn__num cos_i, itn__num eta, itn__num *cos_t)
     return itn__nselect(refracts, s, one);
 }
 
-/* The same for a conductor of index eta - i k: with a the real part of the refracted ray's cosine,
-   ((eta - i k)^2 - sin^2)^(1/2) = a - i b, where of a^2 = (m + t) / 2 = p^2 / (2 (m - t)) one does
-   not cancel. */
+/* The same of a conductor of index eta - i k: with ((eta - i k)^2 - sin^2)^(1/2) = a - i b, where
+   of a^2 = (m + t) / 2 = p^2 / (2 (m - t)) one does not cancel. */
 static itn__num itn__fresnel_conductor(itn__num cosine, itn__num eta, itn__num k) {
     itn__floats one = itn__splat(1), half = .5f * one;
     itn__num cos2 = itn__nsquare(cosine), sin2 = itn__naffine(cos2, -one, one);
@@ -2679,10 +2676,10 @@ ITN__INLINE itn__num itn__smith(itn_distribution kind, const itn__nvectors *w, i
     itn__num across = itn__nadd(itn__nsquare(w->x), itn__nsquare(w->y));
     itn__num tan2 = itn__ndiv(across, itn__nsquare(w->z)), one = itn__constant(itn__splat(1));
     if (kind == ITN_BECKMANN) { /* t = alpha tan theta is 1/a of Walter's */
-        itn__num t = itn__nmul(alpha, itn__nroot(tan2)), rest;
-        rest = itn__nadd(itn__nsquare(t), itn__naffine(t, 2.276f * one.v, 2.577f * one.v));
-        rest = itn__ndiv(itn__naffine(t, 3.535f * one.v, 2.181f * one.v), rest);
-        return itn__nselect(itn__less(t.v, .625f * one.v), one, rest);
+        itn__num t = itn__nmul(alpha, itn__nroot(tan2)), s = itn__nsquare(t);
+        s = itn__nadd(s, itn__naffine(t, 2.276f * one.v, 2.577f * one.v));
+        s = itn__ndiv(itn__naffine(t, 3.535f * one.v, 2.181f * one.v), s);
+        return itn__nselect(itn__less(t.v, .625f * one.v), one, s);
     }
     itn__num root = itn__nroot(itn__nadd(itn__nmul(itn__nsquare(alpha), tan2), one));
     return itn__ndiv(itn__constant(itn__splat(2)), itn__nadd(root, one));
@@ -2692,12 +2689,11 @@ ITN__INLINE itn__num itn__smith(itn_distribution kind, const itn__nvectors *w, i
    m_z^2 = up; alpha2 = alpha_x alpha_y. */
 ITN__INLINE itn__num itn__facets(itn_distribution kind, itn__num across, itn__num up,
                                  itn__num alpha2) {
-    itn__num top = itn__constant(itn__splat(1) / ITN__PI), below = itn__nadd(across, up);
-    if (kind == ITN_BECKMANN) {
-        across = itn__nscale(itn__ndiv(across, up), itn__splat(-1)), below = up;
-        top = itn__nscale(itn__nexp(across), top.v);
-    }
-    return itn__ndiv(top, itn__nmul(alpha2, itn__nsquare(below)));
+    itn__num top = itn__constant(itn__splat(1));
+    if (kind == ITN_BECKMANN) top = itn__nexp(itn__nscale(itn__ndiv(across, up), itn__splat(-1)));
+    else up = itn__nadd(across, up);
+    top = itn__nscale(top, itn__splat(1 / ITN__PI));
+    return itn__ndiv(top, itn__nmul(alpha2, itn__nsquare(up)));
 }
 
 /* D(m) G1(i); drawn: the same of GGX, as which facets are drawn. */
