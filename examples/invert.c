@@ -570,13 +570,18 @@ static void save_pictures(const picture *p, itn_render_options options, int unkn
                           const itn_refine_outcome *outcome) {
     int parameters[MOST_PARAMETERS], count = 0, k;
     char path[1200];
+    itn_render_stats stats;
     itn_image image;
     itn_error error;
     for (k = 0; k < unknowns; k++)
         if (p->parameters[k] >= 0) parameters[count++] = p->parameters[k];
-    options.spp *= 2;
+    options.spp *= 2, options.stats = &stats;
     if (itn_render(p->scene, p->theta, &options, parameters, count, &image, &error))
         fail(error.message, "");
+    if (stats.blur != 0)
+        printf("note: sharp light behind smooth glass is blurred where it is reflected before it "
+               "scatters; the picture's mean may be off by %.2g, which the errors below do not "
+               "know\n", fabs(stats.blur));
     snprintf(path, sizeof path, "%s_estimate.exr", p->stem);
     if (itn_image_save_exr(&image, path, &error)) fail(error.message, "");
     save_sheet(p, &image, count, h, estimates, outcome);

@@ -157,6 +157,11 @@ static void report(const itn_image *image, int channels, const itn_render_stats 
             error += sqrt(image->pixels[pixels + (size_t)c * plane + i]);
         variance += error * error;
     }
+    variance += pow(stats->blur * (double)pixels, 2);
+    if (fabs(stats->blur) > .1 * sqrt(variance) / (double)pixels)
+        fprintf(stderr, "note: sharp light behind smooth glass is blurred where it is reflected "
+                        "before it scatters; blurred twice as far it would change the mean by "
+                        "%.6f, which is in the error\n", stats->blur);
     printf("render %.3f s, build %.3f s, %.3f Mpaths/s, %.1f Mcollisions/s, mean %.6f +- %.6f\n",
            render, build, 1e-6 * stats->paths / render, 1e-6 * stats->collisions / render,
            mean / (double)pixels, sqrt(variance) / (double)pixels);
