@@ -580,7 +580,7 @@ static void save_pictures(const picture *p, itn_render_options options, int unkn
         fail(error.message, "");
     if (stats.blur != 0)
         printf("note: sharp light behind smooth glass is blurred where it is reflected before it "
-               "scatters; the picture's mean may be off by %.2g, which the errors below do not "
+               "scatters; the picture's mean may be off by %.2g, which the errors do not "
                "know\n", fabs(stats.blur));
     snprintf(path, sizeof path, "%s_estimate.exr", p->stem);
     if (itn_image_save_exr(&image, path, &error)) fail(error.message, "");
