@@ -4354,9 +4354,10 @@ static void itn__copy_cone(itn__cones *cones, int k, itn__cone *cone, int set) {
 }
 /* Whether an object is a smooth dielectric with facets for normals. */
 static int itn__links(const itn_scene *scene, int object) {
-    const itn__surface *surface = &scene->surfaces[scene->objects[object].surface];
-    return scene->objects[object].refracts && surface->type == ITN_SURFACE_DIELECTRIC &&
-           surface->alpha < 0 && !surface->tilted;
+    const itn__object *of = &scene->objects[object];
+    const itn__surface *surface = of->refracts ? &scene->surfaces[of->surface] : NULL;
+    return surface && surface->type == ITN_SURFACE_DIELECTRIC && surface->alpha < 0 &&
+           !surface->tilted;
 }
 
 /* The cone of all those of a child; a little wider, for rounding. */
@@ -4524,8 +4525,8 @@ static float itn__seen_blurred(const itn_scene *scene, itn_vec3 omega, itn_vec3 
 /* Whether a shadow ray that has come to a boundary has come to the facet of its link. */
 static int itn__is_linked(const itn_scene *scene, const float *theta, const itn__event *event,
                           const itn_hit *hit, const itn__link *link) {
-    return link->facet == hit->triangle && !hit->front && itn__links(scene, event->object) &&
-           itn__is_lit(scene, theta, event->after);
+    return link->facet == hit->triangle && !hit->front && event->object >= 0 &&
+           itn__links(scene, event->object) && itn__is_lit(scene, theta, event->after);
 }
 
 /* ---- [path] the reference path tracer -------------------------------------------------------- */
@@ -4666,7 +4667,7 @@ static int itn__connect_visible(itn__walk *walk, itn_ray ray, const itn__link *l
         ray.origin = itn__passed_point(scene->bvh, ray.origin, ray.direction, &hit);
         if (event.object >= 0) {
             if (!link || !itn__is_linked(scene, walk->theta, &event, &hit, link)) return 0;
-            ray.direction = link->omega;
+            ray.direction = link->omega, link = NULL;
         }
         itn__leave_faces(scene, &walk->place, &event, ray.origin, 1);
     }
@@ -7987,8 +7988,9 @@ static int itn__pass_shadow(itn__crowd *crowd, itn__path *ray) {
     line.origin = ray->p, line.direction = ray->d;
     if (!arrives)
         ray->event = itn__meet_faces(render->scene, render->theta, &ray->place, &line, &ray->hit);
-    int real = !arrives && ray->event.object >= 0;
-    if (real && !itn__is_linked(render->scene, render->theta, &ray->event, &ray->hit, &ray->link))
+    int real = !arrives && ray->event.object >= 0, linked = ray->link.facet >= 0;
+    if ((real || linked) &&
+        !itn__is_linked(render->scene, render->theta, &ray->event, &ray->hit, &ray->link))
         return 0;
     for (int c = 0; c < render->channels; c++) {
         if (substance) ray->beta[c] *= expf(-depth);
@@ -8004,7 +8006,7 @@ static int itn__pass_shadow(itn__crowd *crowd, itn__path *ray) {
     itn__book(crowd, ray, substance);
     ray->p = itn__passed_point(render->scene->bvh, ray->p, ray->d, &ray->hit);
     itn__leave_faces(render->scene, &ray->place, &ray->event, ray->p, 1);
-    ray->distance = INFINITY, ray->d = real ? ray->link.omega : ray->d;
+    ray->distance = INFINITY, ray->d = linked ? ray->link.omega : ray->d, ray->link.facet = -1;
     return 1;
 }
 
@@ -8473,6 +8475,9 @@ static void itn__meet(itn__crowd *crowd, itn__path *path) {
     if (path->event.object < 0) {
         path->p = itn__passed_point(scene->bvh, origin, path->d, &path->hit);
         itn__leave_faces(scene, &path->place, &path->event, path->p, 1);
+        if (scene->cones && path->pdf < INFINITY && /* links end here, in this walk */
+            !itn__is_lit(scene, render->theta, path->place.refracting))
+            path->pdf = -ITN__LOST;
         itn__depart(crowd, path);
         return;
     }
@@ -8576,23 +8581,18 @@ static void itn__scatter_lanes(itn__crowd *crowd, int number, itn__state *s, itn
     for (k = 0; k < render->channels; k++) s->beta[k] = s->beta[k] * f.value[k];
     itn__floats turned = itn__select(through, itn__splat(1), itn__splat(-1)); /* if thrown back, */
     s->up = itn__vscale(s->up, turned), s->level = s->level * turned; /* behind the normal */
+    itn__copy_rows(crowd, s, itn__mask_bits(good), 1);
     for (unsigned bits = itn__mask_bits(good); bits; bits &= bits - 1) {
         k = itn__lowest_bit(bits);
         itn__path *path = &crowd->paths[ITN__LANE(s->slot, k)];
-        int linked = render->substances[itn__substance_of(render, &path->place)].linked &&
+        int hidden = render->substances[itn__substance_of(render, &path->place)].linked &&
                      itn__links(render->scene, path->event.object);
         itn__leave_faces(render->scene, &path->place, &path->event, path->p,
                          ITN__LANE(through, k));
-        if (!render->scene->cones) continue;
-        int lit = itn__is_lit(render->scene, render->theta, path->place.refracting);
-        ITN__LANE(s->pdf, k) = itn__pdf_behind(&site, k, itn__lane_vector(&s->d, k),
-                                               ITN__LANE(before, k), ITN__LANE(s->pdf, k),
-                                               linked, lit);
-    }
-    itn__copy_rows(crowd, s, itn__mask_bits(good), 1);
-    for (unsigned bits = itn__mask_bits(good); bits; bits &= bits - 1) {
-        itn__path *path;
-        k = itn__lowest_bit(bits), path = &crowd->paths[ITN__LANE(s->slot, k)];
+        if (render->scene->cones)
+            path->pdf = itn__pdf_behind(&site, k, path->d, ITN__LANE(before, k), path->pdf, hidden,
+                                        itn__is_lit(render->scene, render->theta,
+                                                    path->place.refracting));
         itn__book(crowd, path, 0);
         itn__book_factor(render, path->scores, &f, k);
         itn__depart(crowd, path);

@@ -649,11 +649,49 @@ static void check_cube_links(double expected) {
     itn_mesh_free(&mesh);
 }
 
+/* The same with an index-matched block of another medium inside: what scatters there last must not
+   be lost. */
+static void check_inner_links(double expected) {
+    static const char cube[] = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\n"
+                               "v 0 1 1\nf 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\n"
+                               "f 4 1 5 8\n";
+    static const char flat[] = "coefficients_r 0 0 1 0 0 0 0 0 0\n"
+                               "coefficients_g 0 0 1 0 0 0 0 0 0\n"
+                               "coefficients_b 0 0 1 0 0 0 0 0 0\nradiance 1 1 1\n"
+                               "sun_radiance 50000 50000 50000\n";
+    static const char text[] =
+        "film width 8 height 8\ncamera eye 2.5 2 4 target .5 .5 .5 fov 18\n"
+        "medium milk sigma_t 5 albedo .95 g .5\nmedium tea sigma_t 9 albedo .6 g .2\n"
+        "surface glass type dielectric\nobject mesh cube.obj medium milk surface glass\n"
+        "object mesh cube.obj medium tea scale .7 translate .15 .28 .28\n"
+        "light sky flat.sky sun .42 .866 .27\n";
+    const itn_file files[2] = {{"cube.obj", cube, sizeof cube - 1},
+                               {"flat.sky", flat, sizeof flat - 1}};
+    itn_scene *scene;
+    itn_error error;
+    int way;
+    solids_need(itn_scene_from_memory(text, sizeof text - 1, NULL, files, 2, NULL, &scene, &error),
+                &error);
+    for (way = 0; way < SOLIDS_WAYS; way++) {
+        itn_render_options options = ITN_ZERO;
+        itn_render_stats stats = ITN_ZERO;
+        solids_mean mean;
+        options.spp = 256, options.stats = &stats;
+        solids_way(&options, way);
+        solids_measure(scene, NULL, &options, NULL, 0, &mean);
+        mean.error = sqrt(mean.error * mean.error + stats.blur * stats.blur);
+        CHECK_MEAN(mean.value, mean.error, expected, 3, .008);
+    }
+    itn_scene_free(scene);
+}
+
 static void test_links(void) {
     itn_image map = make_map(64, 33, 2);
     check_half_space_links(1);
     CHECK_CATCHES(check_half_space_links(1.1));
     check_cube_links(.496572);
+    check_inner_links(.2149); /* by 1024 samples of each walk, +- .0007 */
+    CHECK_CATCHES(check_inner_links(.1863)); /* without what scatters last in the block */
     CHECK_CATCHES(check_cube_links(.4746)); /* without what comes by reflections */
     light_check_chance(&map, 1);
     CHECK_CATCHES(light_check_chance(&map, 1.2));
