@@ -145,6 +145,11 @@ typedef struct itn_error {
 /* Returns a constant name for a code ("out of memory"), never NULL. */
 ITN_API const char *itn_result_text(itn_result result);
 
+/* For bindings: the version of this code, 10000 major + 100 minor + patch; and sizeof of a struct of
+   this interface by its name, "itn_render_options", or 0 if there is none of that name. */
+ITN_API int itn_version(void);
+ITN_API size_t itn_size_of(const char *name);
+
 /* How an object gets memory and runs loops; NULL or all-zero is malloc/free and one thread, or
    with ITN_THREADS one for each processor. Copied into each object; `user` pointers must outlive
    these. Set allocate and deallocate both or neither (else ARGUMENT); they are called from all
@@ -1067,6 +1072,26 @@ ITN_API const char *itn_result_text(itn_result result) {
         "no error", "invalid argument", "out of memory", "file cannot be read or written",
         "file contents are not valid", "mesh cannot be used", "not supported", "cancelled"};
     return (unsigned)result <= ITN_ERROR_CANCELLED ? texts[result] : "unknown error";
+}
+
+ITN_API int itn_version(void) {
+    return 10000 * ITN_VERSION_MAJOR + 100 * ITN_VERSION_MINOR + ITN_VERSION_PATCH;
+}
+#define ITN__SIZED(name) {#name, sizeof(name)}
+ITN_API size_t itn_size_of(const char *name) {
+    static const struct itn__sized {
+        const char *name;
+        size_t size;
+    } sizes[] = {ITN__SIZED(itn_error), ITN__SIZED(itn_context), ITN__SIZED(itn_image),
+                 ITN__SIZED(itn_mesh), ITN__SIZED(itn_mesh_report), ITN__SIZED(itn_scene_desc),
+                 ITN__SIZED(itn_medium_desc), ITN__SIZED(itn_surface_desc),
+                 ITN__SIZED(itn_object_desc), ITN__SIZED(itn_light_desc), ITN__SIZED(itn_parameter),
+                 ITN__SIZED(itn_render_options), ITN__SIZED(itn_refine_options),
+                 ITN__SIZED(itn_refine_step), ITN__SIZED(itn_refine_outcome),
+                 ITN__SIZED(itn_estimate), ITN__SIZED(itn_view), ITN__SIZED(itn_photo_desc)};
+    for (size_t i = 0; i < sizeof sizes / sizeof *sizes && name; i++)
+        if (!strcmp(sizes[i].name, name)) return sizes[i].size;
+    return 0;
 }
 
 ITN__PRINTF(4, 5)

@@ -57,6 +57,8 @@ ln -s "$root/scenes" scenes # paths in scene files have no blanks
 
 check "slab" ./slab
 sed "s/128/32/g; s|shapes/|scenes/shapes/|" "scenes/studio.itn" > studio.itn
+sed "s/96/32/g; s|shapes/|scenes/shapes/|; s|t3-e60|scenes/t3-e60|" \
+    scenes/default.itn > default.itn
 
 # the course: each program checks itself and leaves a picture; so do the solutions, those that take
 # long are only compiled
@@ -70,6 +72,36 @@ for source in "$root"/examples/course/*.c; do
     case $lesson in 05* | 07* | 10*) continue ;; esac
     check "course/$lesson: the solution's checks" course "$lesson"
 done
+
+# embeddings: in a host with its own threads and memory, in C++, in Python
+mkdir examples/embed && cp "$root"/examples/embed/* examples/embed && cd examples/embed || exit 1
+# shellcheck disable=SC2086
+check "embed/host.c" $CC $strict -O0 host.c -o host -lm -lpthread
+keep "embed/host" ./host ../../default.itn
+prints 'the same bits with four threads and with one'
+for compiler in g++ clang++; do
+    if command -v $compiler > /dev/null 2>&1; then
+        # shellcheck disable=SC2086
+        check "$compiler embed/scene.cpp" $compiler -std=c++11 ${native#-std=c99} -Wall -Wextra -Wpedantic \
+            -Werror scene.cpp -o scene -lpthread
+    else
+        echo "skipped: $compiler is not installed"
+        skipped=$((skipped + 1))
+    fi
+done
+keep "embed/scene" ./scene ../../default.itn
+prints '^albedo 0\.[0-9]+ \+- 0\.'
+if python3 -c 'import numpy' > /dev/null 2>&1; then
+    # shellcheck disable=SC2086
+    check "embed/libitn.so" $CC ${native#-std=c99} -O1 -shared -fPIC -DITN_THREADS \
+        -DITN_IMPLEMENTATION -x c ../../itn.h -o libitn.so -lm -lpthread
+    keep "embed/itn.py" python3 itn.py ../../default.itn
+    prints '^refused: milk.albedo = 7 is not in'
+else
+    echo "skipped: embed/itn.py, as there is no Python with NumPy"
+    skipped=$((skipped + 1))
+fi
+cd "$work" || exit 1
 
 # rendering: every scene loads and renders; the line that scripts read; files of all kinds
 line='^render [0-9.]+ s, build [0-9.]+ s, [0-9.]+ Mpaths/s, [0-9.]+ Mcollisions/s, mean [0-9.]+ \+- [0-9.]+$'
@@ -93,8 +125,6 @@ for wrong in "" "no.itn -o a.exr" "scenes/studio.itn" "scenes/studio.itn -o a.tx
 done
 
 # the main job, of a smaller picture; then a target that the scene is not
-sed "s/96/32/g; s|shapes/|scenes/shapes/|; s|t3-e60|scenes/t3-e60|" \
-    scenes/default.itn > default.itn
 keep "invert" ./invert default.itn --net scenes/known.net --spp 16 -o quick
 prints "^read  milk\\.sigma_t [0-9.]+ \\+- [0-9.]+  milk.albedo [0-9.]+ \\+- [0-9.]+  milk.g [0-9.]+ "
 for name in sigma_t albedo g; do
