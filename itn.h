@@ -54,6 +54,7 @@
      ITN_NO_STDIO         leaves out all that opens files; the _from_memory functions stay
      ITN_MALLOC, ITN_FREE default allocator (both or neither); itn_context overrides it per object
      ITN_API              how public functions are declared, e.g. for a shared library
+     ITN_OWN_SURFACE      adds a surface of your own, `own`: see examples/material.c
 
    [contract]
      Errors: functions return an itn_result; on failure outputs are untouched and itn_error, if
@@ -145,8 +146,8 @@ typedef struct itn_error {
 /* Returns a constant name for a code ("out of memory"), never NULL. */
 ITN_API const char *itn_result_text(itn_result result);
 
-/* For bindings: the version of this code, 10000 major + 100 minor + patch; and sizeof of a struct of
-   this interface by its name, "itn_render_options", or 0 if there is none of that name. */
+/* For bindings: the version of this code, 10000 major + 100 minor + patch; and sizeof of a struct
+   of this interface by its name, "itn_render_options", or 0 if there is none of that name. */
 ITN_API int itn_version(void);
 ITN_API size_t itn_size_of(const char *name);
 
@@ -324,8 +325,9 @@ typedef enum itn_surface_type {
     ITN_SURFACE_ASHIKHMIN,      /* and the same over a diffuse ground (Ashikhmin and Shirley) */
     ITN_SURFACE_BLEND,          /* the sum of others, each times its weight; patches finer than what
                                    is seen, dielectrics among them */
-    ITN_SURFACE_MEASURED        /* an isotropic BRDF by a table (Matusik et al. 2003), trilinear
+    ITN_SURFACE_MEASURED,       /* an isotropic BRDF by a table (Matusik et al. 2003), trilinear
                                    between the middles of its cells */
+    ITN_SURFACE_OWN             /* with ITN_OWN_SURFACE: by reflectance and alpha */
 } itn_surface_type;
 typedef enum itn_distribution { ITN_GGX = 0, ITN_BECKMANN } itn_distribution; /* of microfacets */
 typedef enum itn_texture_type {
@@ -2337,10 +2339,15 @@ ITN__INLINE int itn__has_form(const itn__field *field, char letter) {
 enum { ITN__FILM, ITN__CAMERA, ITN__MEDIUM, ITN__OBJECT, ITN__SURFACE, ITN__LIGHT, ITN__KINDS };
 static const char *const itn__kinds[] = {"film", "camera", "medium", "object", "surface", "light",
                                          "film camera medium object surface light"}; /* all */
+#ifdef ITN_OWN_SURFACE
+#define ITN__OWN " own"
+#else
+#define ITN__OWN ""
+#endif
 /* Types that differ in fields: the words for them, in their order. */
 static const char *const itn__types[ITN__KINDS] = {
     NULL, NULL, "hg vmf mix", "mesh plane",
-    "dielectric diffuse mirror conductor rough_diffuse ward ashikhmin blend measured",
+    "dielectric diffuse mirror conductor rough_diffuse ward ashikhmin blend measured" ITN__OWN,
     "constant map sky sh"};
 
 /* Rows; `...` is lower, upper, otherwise. */
@@ -3088,6 +3095,11 @@ enum {
     ITN__WORD("bump", surface, bump, "p"), ITN__WORD("normal", surface, normal, "p"),              \
     {"bump_scale", "1f?", 0, 1e12f, 1, offsetof(itn_surface_desc, bump_scale), 0, ITN_LOG,         \
      offsetof(itn_surface_desc, has_bump_scale), NULL}
+#ifdef ITN_OWN_SURFACE /* defined by the including file, as below */
+static void itn__own_eval(const itn__site *site, const itn__nvectors *i, const itn__nvectors *o,
+                          itn__num f[3], itn__floats *pdf);
+static itn__ints itn__own_sample(itn__site *site, const itn__floats u[3], itn__vectors *o);
+#endif
 typedef struct itn__bsdf {
     itn__field fields[ITN__MOST_FIELDS + 1]; /* the last has no name */
     unsigned flags;
@@ -3125,7 +3137,13 @@ static const itn__bsdf itn__bsdfs[] = {
     {{ITN__REFLECTANCE_OR("013cS?", 1),
       {"type", "ob!", 0, 0, 0, offsetof(itn_surface_desc, measured), 0, ITN_LOG, 0, "measured"},
       ITN__TILTED},
-     ITN__OPAQUE | ITN__TEXTURED, itn__measured_eval, itn__measured_sample}};
+     ITN__OPAQUE | ITN__TEXTURED, itn__measured_eval, itn__measured_sample},
+#ifdef ITN_OWN_SURFACE
+    {{ITN__REFLECTANCE, ITN__MARK("type", "o!", "own"),
+      ITN__VALUE(surface, alpha, "1f!", ITN_LOG, .001f, 1, 0), ITN__TILTED},
+     ITN__OPAQUE | ITN__TEXTURED, itn__own_eval, itn__own_sample}
+#endif
+};
 
 /* A local factor of paths in each channel, and its slopes by those of its parameters that are asked
    for, the seeds; slots[k] is the place of seed k among all that are asked for. */

@@ -73,6 +73,16 @@ for source in "$root"/examples/course/*.c; do
     check "course/$lesson: the solution's checks" course "$lesson"
 done
 
+# a surface of one's own, and the exercise's; it has the code of the header by itself
+in_examples() { (cd examples && "$@"); }
+for solution in "" -DSOLUTION; do
+    # shellcheck disable=SC2086
+    check "material.c $solution" $CC $strict $solution -Iexamples "$root/examples/material.c" -o material \
+        -lm -lpthread
+    check "material $solution" in_examples ../material
+    check "material $solution: its picture" test -s examples/material.png
+done
+
 # embeddings: in a host with its own threads and memory, in C++, in Python
 mkdir examples/embed && cp "$root"/examples/embed/* examples/embed && cd examples/embed || exit 1
 # shellcheck disable=SC2086
