@@ -73,15 +73,12 @@ for source in "$root"/examples/course/*.c; do
     check "course/$lesson: the solution's checks" course "$lesson"
 done
 
-# a surface of one's own, and the exercise's; it has the code of the header by itself
+# a surface of one's own, and the exercise's
 in_examples() { (cd examples && "$@"); }
-for solution in "" -DSOLUTION; do
-    # shellcheck disable=SC2086
-    check "material.c $solution" $CC $strict $solution -Iexamples "$root/examples/material.c" -o material \
-        -lm -lpthread
-    check "material $solution" in_examples ../material
-    check "material $solution: its picture" test -s examples/material.png
-done
+check "material" in_examples ./material
+check "material: its picture" test -s examples/material.png
+check "material.c: solution" make -s -B -C examples material CC="$CC" CFLAGS="$strict -DSOLUTION"
+check "material: the solution's checks" in_examples ./material
 
 # embeddings: in a host with its own threads and memory, in C++, in Python
 mkdir examples/embed && cp "$root"/examples/embed/* examples/embed && cd examples/embed || exit 1
