@@ -181,6 +181,10 @@ for pair in "gcc c99 c" "gcc c11 c" "g++ c++11 cc" "clang c99 c" "clang c11 c" "
     check "$1 -std=$2 interface only" "$1" -std="$2" $warnings -fsyntax-only "api.$3"
     [ "$3" = cc ] || check "$1 -std=$2 near, far, sun" "$1" -std="$2" $warnings $defined \
         -fsyntax-only "whole.$3"
+    # floats computed as wider numbers; where the flag is known
+    if [ "$1" = gcc ] && [ "$2" = c99 ] && gcc -mfpmath=387 -x c -E /dev/null >log 2>&1; then
+        check "gcc -std=c99 -mfpmath=387" gcc -std=c99 $warnings -mfpmath=387 -fsyntax-only whole.c
+    fi
     catches "half an allocator" "$1" -std="$2" -fsyntax-only "half_override.$3"
     levels="plain native"
     [ "$2" != c11 ] || levels=
