@@ -1,4 +1,4 @@
-/* itn.h - inverse transport networks in one C header, version 0.11.0                          [itn]
+/* itn.h - inverse transport networks in one C header, version 0.12.0                          [itn]
 
    Renders translucent objects by Monte Carlo, differentiates the picture with respect to what they
    are made of, learns to read the material off a picture, and refines it until the picture fits.
@@ -95,7 +95,7 @@
 #include <stdint.h>
 
 #define ITN_VERSION_MAJOR 0
-#define ITN_VERSION_MINOR 11
+#define ITN_VERSION_MINOR 12
 #define ITN_VERSION_PATCH 0
 
 /* ITN_ZERO: an initialiser that sets every field to zero, which means "the default" where a field
