@@ -13614,7 +13614,9 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
 /* [history] what changed for callers, newest first
    0.12.0 materials: mirror, conductor, rough diffuse, Ward, Ashikhmin and Shirley, measured (MERL),
           Beckmann's facets, blends of all; bump and normal maps; phase functions of von Mises and
-          Fisher, mixtures of lobes; lights by spherical harmonics
+          Fisher, mixtures of lobes; lights by spherical harmonics; ITN_OWN_SURFACE; a start of
+          searches by what is known of a scene: itn_probes_read; itn_version, itn_size_of.
+          breaks: images have other bits
    0.11.0 rough and smooth dielectrics under maps and skies render several times as efficiently;
           samples by pixel for gradients, too.
           breaks: itn_refine is Gauss-Newton alone: itn_method, the options method and learning_rate
