@@ -76,11 +76,11 @@
      and scattering coefficients: sigma_t = mu_a + mu_s, albedo = mu_s / sigma_t; the reduced
      scattering coefficient is sigma_s' = albedo sigma_t (1 - g).
 
-   [limits] Media are homogeneous. Normals are geometric (facets show). Lights are infinitely far
-     away. An eye within a dielectric of index n sees basic radiance, L / n^2. No emission,
-     polarisation, dispersion, time of flight, motion or depth of field. Microfacets scatter once:
-     the light that would meet a second one is lost. A smooth boundary cannot be differentiated in
-     its index.
+   [limits] Media are homogeneous. Normals are geometric (facets show) but where maps tilt them.
+     Lights are infinitely far away. An eye within a dielectric of index n sees basic radiance,
+     L / n^2. No emission, polarisation, dispersion, time of flight, motion or depth of field.
+     Microfacets scatter once: the light that would meet a second one is lost. A smooth boundary
+     cannot be differentiated in its index.
 
    [paper] C. Che, F. Luan, S. Zhao, K. Bala, I. Gkioulekas, "Inverse Transport Networks" (2018);
      equation numbers below are the paper's. Its symbols here: pi theta (parameters), T itn_render,
