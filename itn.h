@@ -8488,19 +8488,6 @@ static int itn__arrive(itn__crowd *crowd, int substance, itn__path *path) {
     return 1;
 }
 
-/* The part of a blend that scatters a path there; NULL: none. */
-static const itn__surface *itn__part_met(itn__crowd *crowd, itn__path *path) {
-    const itn__render *render = crowd->render;
-    itn__rng rng = {(uint32_t)path->key0, (uint32_t)path->key1, (uint32_t)path->dimension};
-    itn__factor f;
-    const itn__surface *part = itn__surface_met(render->scene, render->theta, render->slots,
-                                                &path->place, &rng, &path->event, &f, &path->pdf);
-    path->dimension = (int32_t)rng.dimension;
-    for (int c = 0; c < render->channels; c++) path->beta[c] *= ITN__LANE(f.value[c], 0);
-    itn__book_factor(render, path->scores, &f, 0);
-    return part;
-}
-
 /* The path goes to the surface's queue, or through an index-matched boundary. */
 static void itn__meet(itn__crowd *crowd, itn__path *path) {
     const itn__render *render = crowd->render;
@@ -8508,8 +8495,16 @@ static void itn__meet(itn__crowd *crowd, itn__path *path) {
     const itn__object *object = path->event.object < 0 ? NULL : &scene->objects[path->event.object];
     const itn__surface *surface = object ? &scene->surfaces[object->surface] : NULL;
     itn_vec3 origin = path->p;
-    if (surface && surface->part_count) surface = itn__part_met(crowd, path);
-    if (!surface && path->event.object >= 0) {
+    if (surface && surface->part_count) {
+        itn__rng rng = {(uint32_t)path->key0, (uint32_t)path->key1, (uint32_t)path->dimension};
+        itn__factor f;
+        surface = itn__surface_met(scene, render->theta, render->slots, &path->place, &rng,
+                                   &path->event, &f, &path->pdf);
+        path->dimension = (int32_t)rng.dimension;
+        for (int c = 0; c < render->channels; c++) path->beta[c] *= ITN__LANE(f.value[c], 0);
+        itn__book_factor(render, path->scores, &f, 0);
+    }
+    if (path->event.object >= 0 && !surface) {
         itn__end(crowd, path, 0);
         return;
     }
@@ -8728,34 +8723,29 @@ static void itn__run_lanes(itn__crowd *crowd, itn__queue *queue, int number,
 
 /* The paths of a camera ray share what it meets; one that meets nothing has one for all. */
 
-/* Gives a path the random numbers of walk number `walk` of a sample of a pixel, behind the two of
-   its place in the pixel. */
-static void itn__seed_path(const itn__crowd *crowd, itn__path *path, size_t pixel, int sample,
-                           int walk) {
-    const itn__render *render = crowd->render;
-    itn__rng rng = itn__rng_make(render->options.seed, pixel,
-                                 (uint64_t)(sample * render->walks + walk));
-    path->index = sample % render->set * render->walks + walk;
-    path->scramble = (int32_t)crowd->scramble;
-    path->key0 = (int32_t)rng.key0, path->key1 = (int32_t)rng.key1, path->dimension = 2;
-}
-
-/* Takes an unused path: one at the camera, or like another. */
-static itn__path *itn__start_path(itn__crowd *crowd, const itn__path *like) {
+/* Starts a path of a sample of a pixel, by walk number `walk`, behind the two random numbers of its
+   place in the pixel: at the camera, or like another. */
+static itn__path *itn__start_path(itn__crowd *crowd, const itn__path *like, size_t pixel,
+                                  int sample, int walk) {
     const itn__render *render = crowd->render;
     itn__path *path = &crowd->paths[crowd->unused[--crowd->unused_count]];
     float *scores = crowd->scores + (size_t)(path - crowd->paths) * (size_t)render->count;
+    itn__rng rng = itn__rng_make(render->options.seed, pixel,
+                                 (uint64_t)(sample * render->walks + walk));
     if (like) *path = *like;
-    else memset(path, 0, offsetof(itn__path, hit));
+    else memset(path, 0, sizeof *path);
     path->owner = path, path->scores = scores, path->mark = 0;
     for (int k = 0; k < render->count; k++) scores[k] = like ? like->scores[k] : 0;
-    if (like) return path;
-    for (int c = 0; c < 3; c++) {
+    for (int c = 0; c < 3 && !like; c++) {
         int exposure = render->scene->camera.exposure[c];
         path->beta[c] = 1;
         if (render->count && render->slots[exposure] >= 0)
             scores[render->slots[exposure]] = 1 / render->theta[exposure];
     }
+    path->index = sample % render->set * render->walks + walk;
+    path->scramble = (int32_t)crowd->scramble;
+    path->key0 = (int32_t)rng.key0, path->key1 = (int32_t)rng.key1, path->dimension = 2;
+    if (like) return path;
     path->number = crowd->unit.next, path->copies = 1, path->pdf = INFINITY, path->relief = 1;
     path->up.y = 1; /* some plane, for paths that begin in a medium */
     path->place = render->camera, path->distance = INFINITY, path->hit.triangle = -1;
@@ -8782,8 +8772,7 @@ static void itn__see_through(itn__crowd *crowd, itn__path *path, int copies) {
 static void itn__start_ray(itn__crowd *crowd, size_t pixel, int sample, int ray, int rays) {
     const itn__render *render = crowd->render;
     int width = render->scene->film.width, sobol = render->options.sampler == ITN_SAMPLER_SOBOL;
-    itn__path *path = itn__start_path(crowd, NULL);
-    itn__seed_path(crowd, path, pixel, sample, ray);
+    itn__path *path = itn__start_path(crowd, NULL, pixel, sample, ray), *next;
     int index = rays > 1 ? path->index : sample % render->set, lane = index % ITN__LANES;
     int begins = !lane || (!ray && crowd->unit.next % crowd->unit.count == 0);
     itn__ints all = itn__lane_numbers() + itn__splat_int(index - lane);
@@ -8804,12 +8793,10 @@ static void itn__start_ray(itn__crowd *crowd, size_t pixel, int sample, int ray,
         return;
     }
     if (render->outside && !itn__arrive(crowd, 0, path)) return;
-    for (int walk = ray; walk < render->walks; walk += rays) {
-        itn__path *next = walk + rays < render->walks ? itn__start_path(crowd, path) : NULL;
+    for (int walk = ray + rays; path; path = next, walk += rays) {
+        next = walk < render->walks ? itn__start_path(crowd, path, pixel, sample, walk) : NULL;
         if (render->outside) itn__meet(crowd, path);
         else itn__depart(crowd, path);
-        path = next;
-        if (next) itn__seed_path(crowd, next, pixel, sample, walk + rays);
     }
 }
 
