@@ -7437,7 +7437,7 @@ ITN__NOINLINE itn__floats itn__draw(const itn__crowd *crowd, itn__state *s, itn_
 
 /* Adds to what the paths of a camera ray bring home in channel c: in derivative k, or, k being -1,
    in radiance. */
-static void itn__bring(itn__crowd *crowd, const itn__path *path, int k, int c, float value) {
+ITN__INLINE void itn__bring(itn__crowd *crowd, const itn__path *path, int k, int c, float value) {
     const itn__render *render = crowd->render;
     float *planes = crowd->radiance + (size_t)path->owner->number * (size_t)render->planes;
     value *= render->theta[render->scene->camera.exposure[c]];
@@ -7447,6 +7447,7 @@ static void itn__bring(itn__crowd *crowd, const itn__path *path, int k, int c, f
 /* Adds `value` in channel c, and its derivatives by the path's scores. */
 static void itn__bring_scored(itn__crowd *crowd, const itn__path *path, int c, float value) {
     const int *only = crowd->render->only;
+    if (value == 0) return;
     itn__bring(crowd, path, -1, c, value);
     for (int k = 0; k < crowd->render->count; k++)
         if (only[k] < 0 || only[k] == c) itn__bring(crowd, path, k, c, value * path->scores[k]);
