@@ -8536,10 +8536,6 @@ ITN__NOINLINE void itn__run_exact(itn__crowd *crowd, int substance) {
     for (int i = 0; i < crowd->exact.count; i++) {
         itn__path *path = &crowd->paths[crowd->exact.slots[i]];
         if (!substance) itn__find_hit(scene, path);
-        ITN__PREFETCH_FAR(&scene->bvh->triangles[path->hit.triangle < 0 ? 0 : path->hit.triangle]);
-    }
-    for (int i = 0; i < crowd->exact.count; i++) {
-        itn__path *path = &crowd->paths[crowd->exact.slots[i]];
         itn_vec3 end = itn__along(path->p, path->distance, path->d);
         if (path->hit.triangle >= 0) {
             if (itn__arrive(crowd, substance, path)) itn__meet(crowd, path);
