@@ -899,8 +899,8 @@ ITN_API int itn_refine_words(const itn_parameter *const *parameters, int count,
 typedef struct itn_probes itn_probes;
 
 /* Renders the probes of a scene, which must stay as long as they do, with its other parameters at
-   theta (NULL: as made). Errors: UNSUPPORTED (three channels, not just one medium, none in an
-   object, or no light from it). Free with itn_probes_free. */
+   theta (NULL: as made). Errors: UNSUPPORTED (three channels, not just one medium, of another phase
+   function, none in an object, or no light from it). Free with itn_probes_free. */
 ITN_API itn_result itn_probes_make(const itn_scene *scene, const float *theta, uint64_t seed,
                                    itn_probes **probes, itn_error *error);
 ITN_API void itn_probes_free(itn_probes *probes);
@@ -11439,7 +11439,7 @@ ITN_API ITN__COLD itn_result itn_probes_make(const itn_scene *scene, const float
     made->mean = (float *)(made + 1), made->pictures = made->mean + 2 * pixels;
     float *values = made->mean + floats - own;
     itn_parameter_values(scene, values);
-    if (channels == 1 && scene->medium_count == 1) {
+    if (channels == 1 && scene->medium_count == 1 && medium->shapes == 1 && !medium->lobes[0]) {
         made->at[0] = medium->sigma_t[0], made->at[1] = medium->albedo, made->at[2] = medium->g[0];
         values[made->at[0]] = 1, made->chord = itn_scene_thickness(scene, values, medium->name);
     }
@@ -11447,8 +11447,8 @@ ITN_API ITN__COLD itn_result itn_probes_make(const itn_scene *scene, const float
     if (made->chord > 0) result = itn__known_render(made, values, seed, error);
     else
         result = itn__fail(error, ITN_ERROR_UNSUPPORTED, 0, "itn_probes_make: the scene has %d "
-                           "channels and %d media, not one of each, in an object", channels,
-                           scene->medium_count);
+                           "channels and %d media, not one of each, in an object and of Henyey and "
+                           "Greenstein's phase function", channels, scene->medium_count);
     if (result) itn_probes_free(made);
     else *probes = made;
     return result;

@@ -1741,7 +1741,7 @@ enum { KNOWN_WIDTH = 100, KNOWN_HEIGHT = 70, KNOWN_PIXELS = KNOWN_WIDTH * KNOWN_
 
 /* A ball, `size` times as large, in a map with a bright patch: blocks of 2x2 pixels, and a line of
    the film left. other: 1 of three channels, 2 with a second medium, 3 of dark light, 4 empty,
-   5 in constant light. */
+   5 of another phase function, 6 in constant light. */
 static itn_scene *known_scene(double size, int other, int threads) {
     itn_mesh ball = solids_sphere(size, 2);
     itn_image map = stage_patch(1, .65, .35, 4);
@@ -1754,9 +1754,10 @@ static itn_scene *known_scene(double size, int other, int threads) {
     s.desc.film.channels = other == 1 ? 3 : 1;
     stage_medium(&s, "milk", 8 / size, .9, .3);
     if (other == 2) stage_medium(&s, "tea", 1, .1, .3);
+    if (other == 5) s.media[0].phase = ITN_PHASE_VMF, s.media[0].g = 0, s.media[0].kappa = 2;
     stage_dielectric(&s, "skin", 1.3, .2);
     stage_object(&s, &ball, other == 4 ? NULL : "milk", other == 4 ? "skin" : NULL);
-    if (other == 5) stage_constant(&s, NULL, 1);
+    if (other == 6) stage_constant(&s, NULL, 1);
     else stage_map(&s, NULL, &map);
     if (other == 3) s.lights[0].scale = 0, s.lights[0].has_scale = 1;
     stage_need(itn_scene_create(&s.desc, &context, &scene, &error), &error);
@@ -1897,7 +1898,8 @@ static void test_known_net(const itn_probes *probes, const itn_scene *scene, dou
 }
 
 static void test_known_errors(const itn_probes *probes, const itn_scene *scene) {
-    static const char *const says[5] = {"", "3 channels", "2 media", "no light", "in an object"};
+    static const char *const says[6] = {"", "3 channels", "2 media", "no light", "in an object",
+                                        "phase function"};
     static float photo[2 * KNOWN_PIXELS];
     float features[ITN_PROBE_FEATURES];
     itn_probes *none = NULL;
@@ -1907,7 +1909,7 @@ static void test_known_errors(const itn_probes *probes, const itn_scene *scene) 
     itn_error error;
     itn_probes *even;
     int other, i;
-    for (other = 1; other < 5; other++) {
+    for (other = 1; other < 6; other++) {
         itn_scene *unfit = known_scene(1, other, 1);
         CHECK(itn_probes_make(unfit, NULL, 1, &none, &error) == ITN_ERROR_UNSUPPORTED && !none);
         CHECK(strstr(error.message, says[other]) != NULL);
@@ -1929,7 +1931,7 @@ static void test_known_errors(const itn_probes *probes, const itn_scene *scene) 
     photo[7] = 1;
     for (i = 0; i < KNOWN_PIXELS; i++) /* what counts shows the light alone */
         photo[KNOWN_PIXELS + i] = i < 9 * KNOWN_WIDTH && i % KNOWN_WIDTH < 9 ? 0.f : INFINITY;
-    light = known_scene(1, 5, 1);
+    light = known_scene(1, 6, 1);
     stage_need(itn_probes_make(light, NULL, 1, &even, &error), &error);
     CHECK(itn_probes_features(even, photo, photo + KNOWN_PIXELS, 1, features, &error) ==
           ITN_ERROR_ARGUMENT);
