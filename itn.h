@@ -13174,8 +13174,7 @@ typedef struct itn__reader {
     int name_count, mesh_count, image_count, table_count, part_count, weight_count;
     const char *parts[ITN__MOST_LISTED]; /* of all blends, */
     float weights[ITN__MOST_LISTED];     /* and theirs */
-    char names[5 * ITN__MOST_ITEMS + ITN__MOST_LISTED][ITN_NAME_SIZE]; /* of media, surfaces,
-                                                               lights; two in objects; parts */
+    char names[5 * ITN__MOST_ITEMS + ITN__MOST_LISTED][ITN_NAME_SIZE]; /* two of an object */
     itn_mesh meshes[ITN__MOST_ITEMS];
     itn_image images[3 * ITN__MOST_ITEMS];
     itn__buffer tables[ITN__MOST_ITEMS];
@@ -13185,12 +13184,9 @@ typedef struct itn__reader {
     itn_light_desc lights[ITN__MOST_ITEMS];
     const char *kind;            /* of the item at hand, */
     const itn__field *fields;    /* what it may have, */
+    char known[160];             /* their names, */
     char *item;                  /* its desc, */
-    int given[ITN__MOST_FIELDS]; /* for each field 1 + its numbers or 0: not given; */
-    const itn__field *file;      /* the last field with a file, */
-    const char *path;            /* and what it is called: */
-    int length;                  /* so many characters */
-    char known[160];             /* names of all fields */
+    int given[ITN__MOST_FIELDS]; /* and for each field 1 + its numbers or 0: not given */
 } itn__reader;
 
 #define ITN__WRONG(...) itn__text_fail(&r->text, ITN_ERROR_FORMAT, __VA_ARGS__)
@@ -13201,6 +13197,22 @@ static int itn__choose(itn__reader *r, itn__text *text, const char *what, const 
     if (choice < 0)
         ITN__WRONG("%s: '%.*s' is none of: %s", what, length < 40 ? length : 40, text->at, words);
     return choice;
+}
+
+/* Whether a number stands next; `least` numbers must, and what is none is read for the message. */
+static int itn__at_number(itn__text *text, int least) {
+    return !itn__line_done(text) && (least > 0 || strchr("+-.0123456789", *text->at));
+}
+
+/* Takes all numbers that stand next on the line, of which there is room for `most`; returns how
+   many they are, at most one more. */
+static int itn__take_numbers(itn__text *text, const char *what, int least, float *n, int most) {
+    int count = 0;
+    for (; itn__at_number(text, least - count); count += count <= most) {
+        float number = (float)itn__take_decimal(text, what);
+        if (count < most) n[count] = number;
+    }
+    return count;
 }
 
 /* Adds a scale, rotate or translate by numbers n to a transformation, whose columns v it takes to
@@ -13228,69 +13240,58 @@ static int itn__transform_add(float transform[12], char step, const float n[4]) 
 }
 
 /* Takes a lobe of a mixture, or the weight that must stand behind it: -1 until it does. */
-static void itn__take_lobe(itn__reader *r, const itn__field *field, float number) {
+static void itn__take_lobe(itn__reader *r, char letter, float number) {
     itn_medium_desc *medium = (itn_medium_desc *)(void *)r->item;
-    int k = medium->lobe_count, weighs = *field->name == 'w';
-    itn_lobe_desc *lobe = &medium->lobes[k - (k > 0)];
-    if (weighs != (k && lobe->weight < 0) || (!weighs && k == ITN__LOBES)) {
+    int k = medium->lobe_count, waits = k && medium->lobes[k - 1].weight < 0;
+    itn_lobe_desc lobe = {letter == 'v' ? ITN_PHASE_VMF : ITN_PHASE_HG, number, -1};
+    if (waits != (letter == 'w') || (!waits && k == ITN__LOBES))
         ITN__WRONG("a mixture has up to %d lobes hg G weight W or vmf K weight W", ITN__LOBES);
-    } else if (weighs) {
-        lobe->weight = number;
-    } else {
-        lobe = &medium->lobes[medium->lobe_count++], lobe->shape = number, lobe->weight = -1;
-        lobe->phase = *field->name == 'v' ? ITN_PHASE_VMF : ITN_PHASE_HG;
-    }
+    else if (waits) medium->lobes[k - 1].weight = number;
+    else medium->lobes[medium->lobe_count++] = lobe;
 }
 
-/* Takes numbers: a step of a transform; a lobe; of a checker, A B SIZE, with A and B of one number
-   or of three; or what the field is, where `beside` may say that a 0 is meant. */
-static void itn__take_numbers(itn__reader *r, const itn__field *field, float *n, int count) {
+/* Reads the numbers that follow a field's name; returns how many. They are a step of a transform; a
+   lobe; of a checker, A B SIZE, with A and B of one number or of three; or what the field is, where
+   `beside` may say that a 0 is meant. */
+static int itn__read_values(itn__reader *r, const itn__field *field) {
     itn_object_desc *object = (itn_object_desc *)(void *)r->item;
     itn_surface_desc *surface = (itn_surface_desc *)(void *)r->item;
-    const int given = 1, half = count / 2;
-    if ((count == 3 && strpbrk(field->form, "cs")) || count == 7)
-        r->colour_line = r->colour_line ? r->colour_line : r->text.line;
+    const char *name = field->name;
+    const int given = 1;
+    float n[ITN__MOST_NUMBERS] = {0};
+    char words[100];
+    int count = itn__take_numbers(&r->text, name, !itn__has_form(field, '0'), n, ITN__MOST_NUMBERS);
+    int half = count / 2;
+    for (int k = 0; k < count && k < ITN__MOST_NUMBERS; k++) {
+        if (!itn__field_allows(field, n[k], words)) ITN__WRONG("%s: %s %s", r->kind, name, words);
+        if (itn__has_form(field, 'i') && n[k] != floorf(n[k]))
+            ITN__WRONG("%s: %g is not a whole number", name, (double)n[k]);
+    }
+    if (!itn__has_form(field, (char)('0' + count)))
+        ITN__WRONG("%s takes another count of numbers than %d", name, count);
+    if (r->text.result || !count) return count;
+    if (!r->colour_line && (count == 7 || (count == 3 && strpbrk(field->form, "cs"))))
+        r->colour_line = r->text.line;
     if (itn__has_form(field, 't')) {
         if (count == 1) n[1] = n[2] = n[0];
-        if (!itn__transform_add(object->transform, *field->name, n))
-            ITN__WRONG("%s: the axis is zero, or the result too large or too small", field->name);
+        if (!itn__transform_add(object->transform, *name, n))
+            ITN__WRONG("%s: the axis is zero, or the result too large or too small", name);
     } else if (itn__has_form(field, 'x')) {
-        itn__take_lobe(r, field, *n);
+        itn__take_lobe(r, *name, *n);
     } else if (itn__has_form(field, 'k')) {
         if (!(n[2 * half] > 0)) ITN__WRONG("checker: SIZE is not positive");
         surface->texture = ITN_TEXTURE_CHECKER, surface->checker_size = n[2 * half];
-        itn__write_numbers(itn__forms[ITN__CHECKER_FORM], r->item, n + half, half);
-        itn__write_numbers(r->fields, r->item, n, half); /* reflectance is the first */
+        itn__write_numbers(itn__forms[ITN__CHECKER_FORM], surface, n + half, half);
+        itn__write_numbers(r->fields, surface, n, half); /* reflectance is the first */
     } else {
         if (itn__has_form(field, '?')) memcpy(r->item + field->beside, &given, sizeof given);
         itn__write_numbers(field, r->item, n, count);
     }
-}
-
-/* Reads the numbers that follow a field's name, all words that begin like one; returns how many.
-   What must be a number is read as one, for the message. */
-static int itn__read_values(itn__reader *r, const itn__field *field) {
-    const char *name = field->name;
-    float n[ITN__MOST_NUMBERS + 1] = {0};
-    char words[100];
-    int count = 0;
-    while (!itn__line_done(&r->text) && (strchr("+-.0123456789", *r->text.at) ||
-                                         !(count || itn__has_form(field, '0')))) {
-        double number = itn__take_decimal(&r->text, name);
-        if (!itn__field_allows(field, (float)number, words))
-            ITN__WRONG("%s: %s %s", r->kind, name, words);
-        if (itn__has_form(field, 'i') && number != floor(number))
-            ITN__WRONG("%s: %g is not a whole number", name, number);
-        n[count] = (float)number, count += count < ITN__MOST_NUMBERS;
-    }
-    if (!itn__has_form(field, (char)('0' + count)) || n[ITN__MOST_NUMBERS] != 0)
-        ITN__WRONG("%s takes another count of numbers than %d", name, count);
-    if (!r->text.result && count) itn__take_numbers(r, field, n, count);
     return count;
 }
 
 /* Reads a name, which the desc has at this place. */
-static void itn__read_name(itn__reader *r, char *at) {
+static void itn__read_name(itn__reader *r, void *at) {
     char *name = r->names[r->name_count++];
     int length = itn__line_done(&r->text) ? 0 : itn__word_length(&r->text);
     itn__print(name, ITN_NAME_SIZE, "%.*s", length, r->text.at); /* what is cut is too long, too */
@@ -13298,72 +13299,122 @@ static void itn__read_name(itn__reader *r, char *at) {
     memcpy(at, &name, sizeof name);
 }
 
-/* Reads a list of names or numbers, up to the next field's name; returns how many. */
+/* Reads the weights of a blend, or its parts, up to the next field's name; returns how many. */
 static int itn__read_list(itn__reader *r, const itn__field *field) {
-    int names = itn__has_form(field, 'n'), *end = names ? &r->part_count : &r->weight_count;
     itn_surface_desc *blend = (itn_surface_desc *)(void *)r->item;
-    int first = *end;
-    const void *list = names ? (const void *)&r->parts[first] : &r->weights[first];
-    memcpy(r->item + field->at, &list, sizeof list);
-    for (itn__text ahead; !itn__line_done(&r->text) && *end < ITN__MOST_LISTED; ++*end) {
-        ahead = r->text;
+    int names = itn__has_form(field, 'n'), *used = names ? &r->part_count : &r->weight_count;
+    int count = 0, left = ITN__MOST_LISTED - *used;
+    const char **parts = r->parts + *used;
+    float *weights = r->weights + *used;
+    if (names) blend->parts = parts;
+    else blend->weights = weights, count = itn__take_numbers(&r->text, field->name, 0, weights, left);
+    for (itn__text ahead = r->text; names && count < left && !itn__line_done(&ahead); count++) {
         if (itn__accept(&ahead, r->known) >= 0) break;
-        if (names) itn__read_name(r, (char *)&r->parts[*end]);
-        else r->weights[*end] = (float)itn__take_decimal(&r->text, field->name);
+        itn__read_name(r, parts + count), ahead = r->text;
     }
-    int count = *end - first;
-    if (*end == ITN__MOST_LISTED)
-        ITN__WRONG("%s: the lists of all blends have %d or more words", field->name, *end);
+    if (count >= left)
+        ITN__WRONG("%s: the lists of all blends have %d or more words", field->name,
+                   (int)ITN__MOST_LISTED);
     if (blend->part_count && count != blend->part_count)
         ITN__WRONG("a blend has %d and %d surfaces and weights", blend->part_count, count);
-    blend->part_count = count;
+    *used += count, blend->part_count = count;
     return count;
 }
 
-static void itn__load_file(itn__reader *r);
 /* Reads a path, a word or what stands between quotes on a line. */
-static void itn__read_path(itn__reader *r, const itn__field *field) {
-    const char stops[] = {*r->text.at, '\r', '\n', 0}, *end = r->text.end;
-    const int quoted = *stops == '"' || *stops == '\'';
-    r->file = field, r->path = r->text.at + quoted, r->length = 0;
-    if (!quoted) r->length = itn__word_length(&r->text);
-    while (quoted && r->path + r->length < end && !strchr(stops, r->path[r->length])) r->length++;
-    r->text.at = r->path + r->length;
-    if (quoted && (r->text.at++ == end || r->text.at[-1] != *stops))
-        ITN__WRONG("%s: the path's quote does not end in this line", field->name);
+static void itn__read_path(itn__reader *r, const char *what, char path[4096]) {
+    const char quote = *r->text.at, *from = r->text.at, *end = r->text.end;
+    int quoted = quote == '"' || quote == '\'', length = quoted ? 0 : itn__word_length(&r->text);
+    const char stops[] = {quote, '\r', '\n', 0};
+    for (from += quoted; quoted && from + length < end && !strchr(stops, from[length]);) length++;
+    r->text.at = from + length;
+    if (quoted && (r->text.at++ == end || r->text.at[-1] != quote))
+        ITN__WRONG("%s: the path's quote does not end in this line", what);
+    else if (itn__print(path, 4096, "%.*s", length, from) >= 4096)
+        itn__text_fail(&r->text, ITN_ERROR_FILE, "a path has more than 4095 bytes");
 }
 
-/* Takes harmonics: the numbers that follow in a line or, of a file, all. */
-static void itn__take_harmonics(itn__reader *r, itn__text *text, int file) {
+/* Finds a file among those given in memory, else reads it: from beside the scene file, or where its
+   path, which becomes its name, is absolute. */
+static itn_result itn__find_file(const itn__reader *r, char path[4096], itn_file *file,
+                                 itn__buffer *bytes, itn_error *error) {
+    for (int k = 0; k < r->file_count; k++) {
+        *file = r->files[k];
+        if (!strcmp(file->name, path)) return ITN_OK;
+    }
+#ifdef ITN_NO_STDIO
+    (void)bytes;
+    return itn__fail(error, ITN_ERROR_FILE, 0, "%s is not among the files given", path);
+#else
+    int folder = (int)strlen(r->text.name), absolute = path[0] == '/';
+    size_t length = strlen(path);
+#ifdef _WIN32
+    absolute |= path[0] == '\\' || (path[0] && path[1] == ':');
+#endif
+    while (folder && (absolute || !strchr("/\\", r->text.name[folder - 1]))) folder--;
+    if ((size_t)folder + length > 4095)
+        return itn__fail(error, ITN_ERROR_FILE, 0, "a path has more than 4095 bytes");
+    memmove(path + folder, path, length + 1);
+    memcpy(path, r->text.name, (size_t)folder);
+    itn_result result = itn__read_file(path, SIZE_MAX / 4, &r->context, bytes, error);
+    file->name = path, file->bytes = bytes->bytes, file->size = bytes->size;
+    return result;
+#endif
+}
+
+static itn_result itn__sky_from_memory(const itn_context *context, const itn_file *file,
+                                       itn_sky *sky, itn_error *error);
+/* Reads a path and loads what it names - a mesh, a picture, a table, harmonics or a sky - to the
+   item's desc. */
+static void itn__load_file(itn__reader *r, const itn__field *field) {
+    const itn_context *context = &r->context;
     itn_light_desc *light = (itn_light_desc *)(void *)r->item;
-    do {
-        while (!itn__line_done(text) && (file || strchr("+-.0123456789", *text->at))) {
-            float number = (float)itn__take_decimal(text, "sh");
-            if (light->harmonic_count++ < 3 * ITN__HARMONICS) /* more are refused later */
-                light->harmonics[light->harmonic_count - 1] = number;
-        }
-        if (file) itn__next_line(text);
-    } while (file && text->at < text->end);
+    itn_mesh *mesh = &r->meshes[r->mesh_count];
+    itn_image *image = &r->images[r->image_count];
+    char path[4096], *at = r->item + field->at;
+    itn__buffer bytes = ITN_ZERO;
+    itn_file file = {NULL, NULL, 0};
+    itn_error error = ITN_ZERO;
+    itn__read_path(r, field->name, path);
+    if (r->text.result) return;
+    itn_result result = itn__find_file(r, path, &file, &bytes, &error);
+    if (!result && itn__has_form(field, 'm')) {
+        memcpy(at, &mesh, sizeof mesh), r->mesh_count++;
+        result = itn_mesh_from_memory(file.bytes, file.size, file.name, context, mesh, &error);
+    } else if (!result && itn__has_form(field, 'p')) {
+        memcpy(at, &image, sizeof image), r->image_count++;
+        result = itn_image_from_memory(file.bytes, file.size, file.name, context, image, &error);
+    } else if (!result && itn__has_form(field, 'b')) {
+        memcpy(at, &file, sizeof file), r->tables[r->table_count++] = bytes;
+        return;
+    } else if (!result && itn__has_form(field, 'h')) {
+        itn__text text = itn__text_make(file.bytes, file.size, file.name);
+        int *count = &light->harmonic_count, most = 3 * ITN__HARMONICS; /* more are refused later */
+        for (text.error = &error; text.at < text.end && *count <= most; itn__next_line(&text))
+            *count += itn__take_numbers(&text, "sh", most + 1, light->harmonics + *count,
+                                        most - *count);
+        result = text.result;
+    } else if (!result) {
+        result = itn__sky_from_memory(context, &file, (itn_sky *)(void *)at, &error);
+    }
+    itn__buffer_free(&bytes);
+    if (result) itn__text_fail(&r->text, result, "%s", error.message);
 }
 
 /* Reads what follows a field's name; returns how many numbers. */
 static int itn__read_field(itn__reader *r, const itn__field *field) {
+    itn_light_desc *light = (itn_light_desc *)(void *)r->item;
     if (strpbrk(field->form, "nl")) return itn__read_list(r, field);
     if (strpbrk(field->form, "0123456789")) return itn__read_values(r, field);
-    if (itn__has_form(field, 'b')) itn__choose(r, &r->text, field->name, field->words);
-    if (strpbrk(field->form, "wmpybh") && itn__line_done(&r->text)) {
+    int value = field->words ? itn__choose(r, &r->text, field->name, field->words) : 1;
+    if (strpbrk(field->form, "wmpybh") && itn__line_done(&r->text))
         ITN__WRONG("%s: the line ends too early", field->name);
-    } else if (itn__has_form(field, 'h') && strchr("+-.0123456789", *r->text.at)) {
-        itn__take_harmonics(r, &r->text, 0);
-    } else if (strpbrk(field->form, "mpybh")) {
-        itn__read_path(r, field);
-        if (!r->text.result) itn__load_file(r);
-    } else if (itn__has_form(field, 'w')) {
-        itn__read_name(r, r->item + field->at);
-    } else { /* one of a few words; a flag, or nothing */
-        int value = field->words ? itn__choose(r, &r->text, field->name, field->words) : 1;
-        if (field->at) memcpy(r->item + field->at, &value, sizeof value);
-    }
+    else if (itn__has_form(field, 'w')) itn__read_name(r, r->item + field->at);
+    else if (itn__has_form(field, 'h') && itn__at_number(&r->text, 0))
+        light->harmonic_count = itn__take_numbers(&r->text, field->name, 1, light->harmonics,
+                                                  3 * ITN__HARMONICS);
+    else if (strpbrk(field->form, "mpybh")) itn__load_file(r, field);
+    else if (field->at) memcpy(r->item + field->at, &value, sizeof value); /* a word, a flag */
     return 0;
 }
 
@@ -13436,78 +13487,19 @@ static itn_result itn__sky_from_memory(const itn_context *context, const itn_fil
     return result;
 }
 
-/* Finds the item's file among those given in memory, else reads it: from beside the scene file, or
-   where its path is absolute. */
-static itn_result itn__find_file(const itn__reader *r, itn_file *file, char path[4096],
-                                 itn__buffer *bytes, itn_error *error) {
-    for (int k = 0; k < r->file_count; k++) {
-        *file = r->files[k];
-        if (strlen(file->name) == (size_t)r->length &&
-            !memcmp(file->name, r->path, (size_t)r->length))
-            return ITN_OK;
-    }
-#ifdef ITN_NO_STDIO
-    (void)path, (void)bytes;
-    return itn__fail(error, ITN_ERROR_FILE, 0, "%.*s is not among the files given", r->length,
-                     r->path);
-#else
-    const char *name = r->text.name;
-    int folder = (int)strlen(name), absolute = r->path[0] == '/';
-#ifdef _WIN32
-    absolute |= r->path[0] == '\\' || (r->length > 1 && r->path[1] == ':');
-#endif
-    while (folder && (absolute || !strchr("/\\", name[folder - 1]))) folder--;
-    if (itn__print(path, 4096, "%.*s%.*s", folder, name, r->length, r->path) >= 4096)
-        return itn__fail(error, ITN_ERROR_FILE, 0, "a path has more than 4095 bytes");
-    itn_result result = itn__read_file(path, SIZE_MAX / 4, &r->context, bytes, error);
-    file->name = path, file->bytes = bytes->bytes, file->size = bytes->size;
-    return result;
-#endif
-}
-
-/* Loads the item's file - a mesh, a picture or a sky - to its desc. */
-static void itn__load_file(itn__reader *r) {
-    const itn_context *context = &r->context;
-    itn_mesh *mesh = &r->meshes[r->mesh_count];
-    itn_image *image = &r->images[r->image_count];
-    char path[4096], *at = r->item + r->file->at;
-    itn__buffer bytes = ITN_ZERO;
-    itn_file file = {NULL, NULL, 0};
-    itn_error error = ITN_ZERO;
-    itn_result result = itn__find_file(r, &file, path, &bytes, &error);
-    if (!result && itn__has_form(r->file, 'm')) {
-        memcpy(at, &mesh, sizeof mesh), r->mesh_count++;
-        result = itn_mesh_from_memory(file.bytes, file.size, file.name, context, mesh, &error);
-    } else if (!result && itn__has_form(r->file, 'p')) {
-        memcpy(at, &image, sizeof image), r->image_count++;
-        result = itn_image_from_memory(file.bytes, file.size, file.name, context, image, &error);
-    } else if (!result && itn__has_form(r->file, 'b')) {
-        memcpy(at, &file, sizeof file), r->tables[r->table_count++] = bytes;
-        return;
-    } else if (!result && itn__has_form(r->file, 'h')) {
-        itn__text text = itn__text_make(file.bytes, file.size, file.name);
-        text.error = &error, itn__take_harmonics(r, &text, 1), result = text.result;
-    } else if (!result) {
-        result = itn__sky_from_memory(context, &file, (itn_sky *)(void *)at, &error);
-    }
-    itn__buffer_free(&bytes);
-    if (result) itn__text_fail(&r->text, result, "%s", error.message);
-}
-
 /* Reads the item of a line that has words. What it leaves out is in its desc what the fields say,
    or 0; a transform begins with the identity. */
 static void itn__read_item(itn__reader *r) {
     int kind = itn__choose(r, &r->text, "item", itn__kinds[ITN__KINDS]), type = 0;
     if (kind < 0) return;
+    const char *word = kind == ITN__SURFACE ? "type" : kind == ITN__MEDIUM ? "phase" : NULL;
     int index = r->count[kind]++;
     if (index && kind <= ITN__CAMERA)
         ITN__WRONG("%s was given in line %d", itn__kinds[kind], r->lines[kind][0]);
     if (index == ITN__MOST_ITEMS) ITN__WRONG("more than %d items of this kind", index);
     itn__text ahead = r->text;
-    if (kind == ITN__SURFACE || kind == ITN__MEDIUM) /* it stands somewhere behind the name */
-        do ahead.at += itn__word_length(&ahead);
-        while (!itn__line_done(&ahead) &&
-               itn__accept(&ahead, kind == ITN__SURFACE ? "type" : "phase") < 0);
+    do ahead.at += word ? itn__word_length(&ahead) : 0; /* it stands somewhere behind the name */
+    while (word && !itn__line_done(&ahead) && itn__accept(&ahead, word) < 0);
     if (itn__types[kind] && (kind != ITN__MEDIUM || !itn__line_done(&ahead)))
         type = itn__choose(r, &ahead, itn__kinds[kind], itn__types[kind]);
     if (r->text.result) return;
@@ -13516,7 +13508,7 @@ static void itn__read_item(itn__reader *r) {
     r->kind = itn__kinds[kind], r->fields = itn__fields_of(kind, type);
     r->item = (char *)items[kind], r->lines[kind][index] = r->text.line;
     memset(r->given, 0, sizeof r->given);
-    if (kind == ITN__MEDIUM || kind == ITN__SURFACE) itn__read_name(r, r->item); /* it is first */
+    if (word) itn__read_name(r, r->item); /* it is first */
     if (kind == ITN__MEDIUM) r->media[index].phase = (itn_phase_type)type;
     if (kind == ITN__SURFACE) r->surfaces[index].type = (itn_surface_type)type;
     if (kind == ITN__LIGHT) r->lights[index].type = (itn_light_type)type;
