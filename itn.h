@@ -5558,6 +5558,7 @@ ITN_API ITN__COLD itn_result itn_mesh_check(const itn_mesh *mesh, const itn_cont
                                             itn_mesh_report *report, itn_error *error) {
     itn_context own;
     itn__welding w = ITN_ZERO;
+    itn__block *blocks = NULL;
     itn_result result = itn__context_check(context, &own, error);
     if (!result) result = itn__mesh_readable(mesh, "itn_mesh_check", error);
     if (result) return result;
@@ -5566,9 +5567,9 @@ ITN_API ITN__COLD itn_result itn_mesh_check(const itn_mesh *mesh, const itn_cont
     size_t vertices = (size_t)mesh->vertex_count, triangles = (size_t)mesh->triangle_count;
     w.mesh = mesh, w.report.first_bad_vertex = w.report.first_bad_triangle = -1;
     for (w.mask = 3; w.mask / 2 < vertices;) w.mask = 2 * w.mask + 1;
-    w.weld = ITN__NEW(int, &own, 2 * vertices + w.mask + 1);
-    w.uses = ITN__NEW(itn__use, &own, 6 * triangles + 1);
-    w.parts = ITN__NEW(itn__part, &own, triangles);
+    w.weld = ITN__ADD(int, &own, &blocks, 2 * vertices + w.mask + 1);
+    w.uses = ITN__ADD(itn__use, &own, &blocks, 6 * triangles + 1);
+    w.parts = ITN__ADD(itn__part, &own, &blocks, triangles);
     if (w.weld && w.uses && w.parts) {
         w.last = w.weld + vertices, w.slots = w.last + vertices;
         w.sorted = w.uses + 3 * triangles + 1;
@@ -5582,9 +5583,7 @@ ITN_API ITN__COLD itn_result itn_mesh_check(const itn_mesh *mesh, const itn_cont
     } else {
         result = itn__out_of_memory(error, "a mesh check");
     }
-    itn__free(&own, w.parts);
-    itn__free(&own, w.uses);
-    itn__free(&own, w.weld);
+    itn__free_blocks(&own, blocks);
     return result;
 }
 
@@ -5730,20 +5729,22 @@ static void *itn__keep(itn__maker *maker, size_t count, size_t size) {
     return block;
 }
 
-/* Adds parameter title.field (title.field_r for channel 0 of 3..., title.field1 for channel 3...);
-   returns its index. In names
-   of layers, which must differ, too, the dot becomes a _; a hash is as good as such a name. */
-static int itn__add_parameter(itn__maker *maker, const itn__field *field, const char *name,
-                              int channel, float value) {
+/* Checks a number of a field and, if it enters, adds the parameter title.name (title.name_r for
+   channel 0 of 3..., title.name1 for channel 3...); returns its index, else -1. In names of layers,
+   which must differ, too, the dot becomes a _; a hash is as good as such a name. */
+static int itn__take_value(itn__maker *maker, const itn__field *field, const char *name,
+                           int channel, float value, int enters) {
     static const char *const suffix[4] = {"", "_r", "_g", "_b"};
-    char number[16] = "";
+    char numbered[40], words[100];
     itn_scene *scene = maker->scene;
-    int index = scene->parameter_count++;
+    int index = scene->parameter_count;
     itn_parameter *p = &scene->parameters[index];
     itn__source *source = &scene->sources[index];
-    if (channel > 2) itn__print(number, sizeof number, "%d", channel - 2), channel = -1;
-    itn__print(p->name, sizeof p->name, "%s.%s%s%s", maker->title, name,
-               suffix[channel + 1], number);
+    itn__print(numbered, sizeof numbered, "%s%d", name, channel - 2);
+    if (channel > 2) name = numbered, channel = -1;
+    if (!itn__field_allows(field, value, words)) ITN__REFUSE("%s %s", name, words);
+    if (!enters || maker->result) return -1;
+    itn__print(p->name, sizeof p->name, "%s.%s%s", maker->title, name, suffix[channel + 1]);
     p->value = value, p->lower = field->lower, p->upper = field->upper;
     p->transform = field->transform, source->field = field, source->channel = channel;
     for (const char *c = p->name; *c; c++)
@@ -5752,7 +5753,7 @@ static int itn__add_parameter(itn__maker *maker, const itn__field *field, const 
         if (scene->sources[k].hash == source->hash)
             ITN__REFUSE("%s and %s would have the same layer name: name the items apart",
                         scene->parameters[k].name, p->name);
-    return index;
+    return scene->parameter_count++;
 }
 
 /* Checks the fields of a desc, which is the maker's own copy, and enters those that are parameters;
@@ -5764,15 +5765,11 @@ static ITN__COLD itn_result itn__take_fields(itn__maker *maker, const itn__field
         int channels = maker->scene->film.channels; /* which are the film's fields, too */
         int count = itn__read_numbers(field, desc, channels, n), index[3] = {-1, -1, -1};
         int spectrum = itn__has_form(field, 's'), enters = field->parameter && item;
-        char words[100];
         if (spectrum && count > channels)
             return ITN__REFUSE("%s_rgb needs a film with 3 channels", field->name);
-        for (int c = 0; c < count && !maker->result; c++) {
-            if (!itn__field_allows(field, n[c], words))
-                return ITN__REFUSE("%s %s", field->name, words);
-            if (enters)
-                index[c] = itn__add_parameter(maker, field, field->name, count == 3 ? c : -1, n[c]);
-        }
+        for (int c = 0; c < count && !maker->result; c++)
+            index[c] = itn__take_value(maker, field, field->name, count == 3 ? c : -1, n[c],
+                                       enters);
         if (count == 1) index[1] = index[2] = index[0];
         if (enters)
             memcpy((char *)item + field->parameter, index, (spectrum ? 3 : 1) * sizeof index[0]);
@@ -5841,7 +5838,7 @@ static itn_result itn__make_camera(itn__maker *maker) {
     return ITN_OK;
 }
 
-/* Checks the lobes of a mixture and enters their parameters. */
+/* Takes the lobes of a mixture; the last weight is what the others leave. */
 static itn_result itn__make_lobes(itn__maker *maker, const itn_medium_desc *in,
                                   itn__medium *medium) {
     double sum = 0;
@@ -5850,16 +5847,13 @@ static itn_result itn__make_lobes(itn__maker *maker, const itn_medium_desc *in,
         return ITN__REFUSE("a mixture has 1 to %d lobes", ITN__LOBES);
     for (int k = 0; k <= medium->shapes && !maker->result; k++) {
         const itn_lobe_desc *lobe = &in->lobes[k / 2];
-        float number = k % 2 ? lobe->weight : lobe->shape;
-        char words[100];
-        if (lobe->phase != ITN_PHASE_HG && lobe->phase != ITN_PHASE_VMF)
+        int type = medium->lobes[k / 2] = (int)lobe->phase, mix = ITN_PHASE_MIX;
+        if ((unsigned)type >= (unsigned)mix)
             return ITN__REFUSE("lobe %d is neither hg nor vmf", k / 2 + 1);
-        const itn__field *field = &itn__fields_of(
-            ITN__MEDIUM, (int)(k % 2 ? ITN_PHASE_MIX : lobe->phase))[ITN__SHAPE_FIELD];
-        if (!itn__field_allows(field, number, words))
-            return ITN__REFUSE("lobe %d: %s %s", k / 2 + 1, field->name, words);
-        medium->lobes[k / 2] = (int)lobe->phase, sum += k % 2 ? number : 0;
-        if (k < medium->shapes) itn__add_parameter(maker, field, field->name, 3 + k / 2, number);
+        const itn__field *of = itn__fields_of(ITN__MEDIUM, k % 2 ? mix : type) + ITN__SHAPE_FIELD;
+        float number = k % 2 ? lobe->weight : lobe->shape;
+        itn__take_value(maker, of, of->name, 3 + k / 2, number, k < medium->shapes);
+        sum += k % 2 ? number : 0;
     }
     if (!maker->result && !(fabs(sum - 1) <= 1e-4))
         return ITN__REFUSE("the weights of its lobes add up to %g, not to 1", sum);
@@ -5935,11 +5929,10 @@ static uint64_t itn__from_bytes(const unsigned char *bytes, size_t size, int big
 static itn_result itn__take_table(itn__maker *maker, const itn_file *file, itn__surface *surface) {
     static const float scales[3] = {1 / 1500.f, 1.15f / 1500, 1.66f / 1500};
     const unsigned char *bytes = (const unsigned char *)file->bytes;
+    static const unsigned char head[12] = {90, 0, 0, 0, 90, 0, 0, 0, 180, 0, 0, 0};
     double ring[90] = {0}; /* sums of luminance at each theta_h */
-    int half = 0, size = 12 + 24 * ITN__CELLS, good = bytes && file->size == (size_t)size;
-    for (int k = 0; k < 3 && good; k++)
-        good = itn__from_bytes(bytes + 4 * k, 4, 0) == (k < 2 ? 90 : 180);
-    if (!good)
+    int half = 0, size = 12 + 24 * ITN__CELLS;
+    if (!bytes || file->size != (size_t)size || memcmp(bytes, head, sizeof head))
         return ITN__REFUSE("is no table of 90 x 90 x 180 doubles for R, G and B, %d bytes", size);
     surface->table = ITN__KEEP(float, 3 * ITN__CELLS);
     for (int i = 0; i < ITN__CELLS && !maker->result; i++) {
@@ -5959,24 +5952,19 @@ static itn_result itn__take_table(itn__maker *maker, const itn_file *file, itn__
     return maker->result;
 }
 
-/* Enters the weights of a blend. */
 static itn_result itn__take_weights(itn__maker *maker, const itn_surface_desc *in,
                                     itn__surface *blend) {
     static const itn__field weight = {"weight", "1fS", 0, 1, 0, 0, 0, ITN_LOGIT, 0, NULL};
     int count = in->part_count;
     float sum = 0;
-    char words[100];
     if (count < 1 || count > ITN__MOST_PARTS || !in->parts || !in->weights)
         return ITN__REFUSE("a blend has 1 to %d surfaces and weights, not %d", ITN__MOST_PARTS,
                            count);
     blend->parts = ITN__KEEP(const itn__surface *, count), blend->part_count = count;
-    for (int k = 0; k < count && !maker->result; k++) {
-        if (!itn__field_allows(&weight, in->weights[k], words))
-            return ITN__REFUSE("weight%d %s", k + 1, words);
-        sum += in->weights[k];
-        itn__add_parameter(maker, &weight, weight.name, 3 + k, in->weights[k]);
-    }
-    if (sum > 1.00001f) ITN__REFUSE("the weights' sum, %g, is above 1", (double)sum);
+    for (int k = 0; k < count && !maker->result; sum += in->weights[k++])
+        itn__take_value(maker, &weight, weight.name, 3 + k, in->weights[k], 1);
+    if (!maker->result && sum > 1.00001f)
+        ITN__REFUSE("the weights' sum, %g, is above 1", (double)sum);
     return maker->result;
 }
 
@@ -6149,26 +6137,28 @@ static void itn__split_map(itn__maker *maker, itn__light *map) {
 /* The coefficients of spherical harmonics, which are parameters all. */
 static itn_result itn__make_harmonics(itn__maker *maker, const itn_light_desc *in,
                                       itn__light *light) {
-    static const itn__field field = {"sh", "hH", 0, 0, 0, 0, 0, ITN_LINEAR, 0, NULL};
+    static const itn__field field = {"sh", "hH", -ITN__MAX_RADIANCE, ITN__MAX_RADIANCE, 0, 0, 0,
+                                     ITN_LINEAR, 0, NULL};
     itn_scene *scene = maker->scene;
-    float largest = 0;
-    int l = 0, count = in->harmonic_count, channels = scene->film.channels;
+    float largest = 0, *next;
+    int count = in->harmonic_count, channels = scene->film.channels;
     int three = count != 9 && count % 3 == 0;
     if (three) count /= 3;
     while (light->order < 5 && itn__harmonic_count(light) != count) light->order++;
     if (light->order > 4 || (three && channels == 1))
         return ITN__REFUSE("sh has 1, 4, 9, 16 or 25 coefficients, or with 3 channels three times "
                            "as many");
-    light->first = scene->parameter_count, light->harmonics = ITN__KEEP(float, 3 * count);
-    for (int k = 0; k < 3 * count && !maker->result; k++) {
-        float value = light->harmonics[k] = in->harmonics[k / 3 + (three ? k % 3 * count : 0)];
-        char name[16];
-        while ((l + 1) * (l + 1) <= k / 3) l++;
-        itn__print(name, sizeof name, "c%d%d", l, k / 3 - l * l - l);
-        if (!(fabsf(value) <= ITN__MAX_RADIANCE)) return ITN__REFUSE("%s is not finite", name);
-        largest = itn__max(largest, fabsf(value));
-        if (k % 3 < channels)
-            itn__add_parameter(maker, &field, name, channels == 3 ? k % 3 : -1, value);
+    light->first = scene->parameter_count, next = light->harmonics = ITN__KEEP(float, 3 * count);
+    for (int k = 0, l = 0, m = 0; k < count && !maker->result; k++, m++) {
+        char name[8];
+        if (m > l) l++, m = -l;
+        itn__print(name, sizeof name, "c%d%d", l, m);
+        for (int c = 0; c < 3; c++, next++) {
+            *next = in->harmonics[k + (three ? c * count : 0)];
+            largest = itn__max(largest, fabsf(*next));
+            if (c < channels)
+                itn__take_value(maker, &field, name, channels == 3 ? c : -1, *next, 1);
+        }
     }
     for (int k = light->first; k < scene->parameter_count; k++) {
         scene->parameters[k].upper = 1000 * (largest > 0 ? largest : 1);
@@ -6430,12 +6420,11 @@ static itn_result itn__not_a_solid(itn__maker *maker, const itn_mesh *mesh,
                                 "from 0 (`force` takes it as it is)", report->open_edges,
                                 report->flipped_edges, vertex, (double)p[0], (double)p[1],
                                 (double)p[2]);
-    if (report->volume < 0)
-        return ITN__REFUSE_MESH("the mesh is inside out (its volume is %g): triangles must be "
-                                "counter-clockwise seen from outside; `force` turns it",
-                                report->volume);
-    return ITN__REFUSE_MESH("the mesh encloses nothing: it is flat, or has each face twice; leave "
-                            "out those that look inwards");
+    return ITN__REFUSE_MESH("the mesh %s; its volume is %g",
+                            report->volume < 0 ? "is inside out: triangles must be "
+                            "counter-clockwise seen from outside (`force` turns it)" : "encloses "
+                            "nothing: it is flat, or has each face twice (leave out those that "
+                            "look inwards)", report->volume);
 }
 
 /* Checks an object's mesh, and notes whether it is a solid and where it is. */
@@ -6645,28 +6634,25 @@ static void itn__make_sides(itn_scene *scene) {
     }
 }
 
-/* The count of items of a kind, which must be within limits; else 0. */
-static size_t itn__count(itn__maker *maker, const char *of, const void *items, int count, int least,
-                         int most) {
-    if (!maker->result && (count < least || count > most || (count && !items)))
-        ITN__REFUSE("a scene has %d to %d %s, not %d (or their array is NULL)", least, most, of,
-                    count);
-    return maker->result ? 0 : (size_t)count;
-}
-
 /* Makes all items, in arrays of their counts; the film's parameters are the last. */
 static itn_result itn__make_items(itn__maker *maker) {
     const itn_scene_desc *in = maker->desc;
     itn_scene *scene = maker->scene;
-    size_t objects = itn__count(maker, "objects", in->objects, in->object_count, 1, 64);
-    size_t lights = itn__count(maker, "lights", in->lights, in->light_count, 1, 64);
-    size_t media = itn__count(maker, "media", in->media, in->medium_count, 0, 4096);
-    size_t surfaces = itn__count(maker, "surfaces", in->surfaces, in->surface_count, 0, 4096);
-    size_t values = 6 + ITN__SEEDS * (objects + media + surfaces), parts = 0;
-    for (size_t i = 0; i < surfaces && !maker->result; i++) /* the weights of blends */
-        parts += (size_t)itn__clamp((float)in->surfaces[i].part_count, 0, ITN__MOST_PARTS);
-    values += 3 * (1 + ITN__HARMONICS) * lights;
-    if (maker->result) return maker->result;
+    int objects = in->object_count, lights = in->light_count, parts = 0; /* weights of blends */
+    int media = in->medium_count, surfaces = in->surface_count;
+    const struct itn__items {
+        const char *of;
+        const void *items;
+        int count, least, most;
+    } all[] = {{"objects", in->objects, objects, 1, 64}, {"lights", in->lights, lights, 1, 64},
+               {"media", in->media, media, 0, 4096}, {"surfaces", in->surfaces, surfaces, 0, 4096}};
+    for (const struct itn__items *k = all; k < all + 4; k++)
+        if (k->count < k->least || k->count > k->most || (k->count && !k->items))
+            return ITN__REFUSE("a scene has %d to %d %s, not %d (or their array is NULL)", k->least,
+                               k->most, k->of, k->count);
+    for (int i = 0; i < surfaces; i++)
+        parts += (int)itn__clamp((float)in->surfaces[i].part_count, 0, ITN__MOST_PARTS);
+    int values = 6 + ITN__SEEDS * (objects + media + surfaces) + 3 * (1 + ITN__HARMONICS) * lights;
     scene->media = ITN__KEEP(itn__medium, media);
     scene->surfaces = ITN__KEEP(itn__surface, surfaces + parts);
     scene->lights = ITN__KEEP(itn__light, 2 * lights);
@@ -6674,13 +6660,13 @@ static itn_result itn__make_items(itn__maker *maker) {
     scene->parameters = ITN__KEEP(itn_parameter, values + parts);
     scene->sources = ITN__KEEP(itn__source, values + parts);
     scene->kept = ITN__KEEP(void *, ITN__KEPT);
-    scene->object_count = in->object_count;
+    scene->object_count = objects;
     if (!maker->result && !itn__make_film(maker)) itn__make_camera(maker);
-    for (int i = 0; i < in->medium_count && !maker->result; i++) itn__make_medium(maker, i);
-    for (int i = 0; i < in->surface_count && !maker->result; i++) itn__make_surface(maker, i);
-    for (int i = 0; i < in->surface_count && !maker->result; i++) itn__join_parts(maker, i);
-    for (int i = 0; i < in->light_count && !maker->result; i++) itn__make_light(maker, i);
-    for (int i = 0; i < in->object_count && !maker->result; i++) itn__make_object(maker, i);
+    for (int i = 0; i < media && !maker->result; i++) itn__make_medium(maker, i);
+    for (int i = 0; i < surfaces && !maker->result; i++) itn__make_surface(maker, i);
+    for (int i = 0; i < surfaces && !maker->result; i++) itn__join_parts(maker, i);
+    for (int i = 0; i < lights && !maker->result; i++) itn__make_light(maker, i);
+    for (int i = 0; i < objects && !maker->result; i++) itn__make_object(maker, i);
     if (maker->result) return maker->result;
     itn__go_to(maker, ITN__FILM, 0);
     return itn__take_fields(maker, itn__forms[ITN__FILM], &scene->film, &scene->camera);
@@ -13307,7 +13293,8 @@ static int itn__read_list(itn__reader *r, const itn__field *field) {
     const char **parts = r->parts + *used;
     float *weights = r->weights + *used;
     if (names) blend->parts = parts;
-    else blend->weights = weights, count = itn__take_numbers(&r->text, field->name, 0, weights, left);
+    else count = itn__take_numbers(&r->text, field->name, 0, weights, left);
+    if (!names) blend->weights = weights;
     for (itn__text ahead = r->text; names && count < left && !itn__line_done(&ahead); count++) {
         if (itn__accept(&ahead, r->known) >= 0) break;
         itn__read_name(r, parts + count), ahead = r->text;
@@ -13519,36 +13506,26 @@ static void itn__read_item(itn__reader *r) {
         itn__end_reflectance(r, &r->surfaces[index]);
 }
 
-/* Reads all lines and makes the scene. What is wrong with an item, or (line 0) with the whole, is
-   known afterwards. */
-static ITN__COLD itn_result itn__read_scene(itn__reader *r, itn_scene **scene) {
+/* Makes the scene of what was read; line 0: what is wrong is not in one. */
+static ITN__COLD itn_result itn__make_scene(itn__reader *r, itn_scene **scene) {
     itn_scene_desc *desc = &r->desc;
     itn__maker maker = ITN_ZERO;
     itn_error error = ITN_ZERO;
-    const char *fault = error.message;
-    itn_result result = ITN_ERROR_FORMAT;
-    int line = 0;
-    for (; r->text.at < r->text.end; itn__next_line(&r->text)) {
-        const char *from = r->text.at;
-        if (!itn__line_done(&r->text)) itn__read_item(r);
-        if (memchr(from, 0, (size_t)(r->text.at - from))) ITN__WRONG("a zero byte is not text");
-    }
-    if (r->text.result) return r->text.result;
+    itn_result result = maker.refusal = ITN_ERROR_FORMAT;
     desc->media = r->media, desc->medium_count = r->count[ITN__MEDIUM];
     desc->surfaces = r->surfaces, desc->surface_count = r->count[ITN__SURFACE];
     desc->objects = r->objects, desc->object_count = r->count[ITN__OBJECT];
     desc->lights = r->lights, desc->light_count = r->count[ITN__LIGHT];
-    maker.desc = desc, maker.error = &error, maker.refusal = result;
-    if (!r->count[ITN__CAMERA]) {
-        fault = "there is no camera";
-    } else if (r->colour_line && desc->film.channels != 3) {
-        fault = "a colour of three numbers needs a film with channels 3", line = r->colour_line;
-    } else {
-        result = itn__create_scene(&maker, &r->context, scene);
-        if (!result) return ITN_OK;
-        line = maker.kind < 0 ? 0 : r->lines[maker.kind][maker.index];
-    }
-    return itn__fail(r->text.error, result, line, "%s:%d: %s", r->text.name, line, fault);
+    maker.desc = desc, maker.error = &error;
+    if (!r->count[ITN__CAMERA])
+        return itn__fail(r->text.error, result, 0, "%s:0: there is no camera", r->text.name);
+    r->text.line = r->colour_line;
+    if (r->colour_line && desc->film.channels != 3)
+        return ITN__WRONG("a colour of three numbers needs a film with channels 3");
+    result = itn__create_scene(&maker, &r->context, scene);
+    int line = maker.kind < 0 ? 0 : r->lines[maker.kind][maker.index];
+    if (!result) return ITN_OK;
+    return itn__fail(r->text.error, result, line, "%s:%d: %s", r->text.name, line, error.message);
 }
 
 ITN_API itn_result itn_scene_from_memory(const void *bytes, size_t size, const char *name,
@@ -13565,7 +13542,11 @@ ITN_API itn_result itn_scene_from_memory(const void *bytes, size_t size, const c
     if (!r) return itn__out_of_memory(error, "a scene file");
     r->text = itn__text_make(bytes, size, name ? name : "scene"), r->text.error = error;
     r->context = own, r->files = files, r->file_count = file_count;
-    result = itn__read_scene(r, scene);
+    for (const char *from; (from = r->text.at) < r->text.end; itn__next_line(&r->text)) {
+        if (!itn__line_done(&r->text)) itn__read_item(r);
+        if (memchr(from, 0, (size_t)(r->text.at - from))) ITN__WRONG("a zero byte is not text");
+    }
+    result = r->text.result ? r->text.result : itn__make_scene(r, scene);
     for (int k = 0; k < ITN__MOST_ITEMS; k++) itn_mesh_free(&r->meshes[k]);
     for (int k = 0; k < 3 * ITN__MOST_ITEMS; k++) itn_image_free(&r->images[k]);
     for (int k = 0; k < r->table_count; k++) itn__buffer_free(&r->tables[k]);
