@@ -80,7 +80,8 @@
      Lights are infinitely far away. An eye within a dielectric of index n sees basic radiance,
      L / n^2. No emission, polarisation, dispersion, time of flight, motion or depth of field.
      Microfacets scatter once: the light that would meet a second one is lost. A smooth boundary
-     cannot be differentiated in its index.
+     cannot be differentiated in its index. Sharp light that one reflects within before it scatters
+     is blurred, see itn_render_stats.blur.
 
    [paper] C. Che, F. Luan, S. Zhao, K. Bala, I. Gkioulekas, "Inverse Transport Networks" (2018);
      equation numbers below are the paper's. Its symbols here: pi theta (parameters), T itn_render,
@@ -588,8 +589,8 @@ typedef enum itn_mode { ITN_MODE_AUTO = 0, ITN_MODE_REFERENCE, ITN_MODE_FAST } i
    and the first flight, or each on its own. This, itn_estimator and walks are of the fast walk
    only; the reference takes no notice of them. */
 typedef enum itn_sampler { ITN_SAMPLER_SOBOL = 0, ITN_SAMPLER_RANDOM } itn_sampler;
-/* How images and derivatives are estimated, without bias. SCORE: the mean of what paths bring home,
-   for derivatives times their scores (equation 10). BASELINE takes off what a path was expected to
+/* How images and derivatives are estimated, without bias (but see itn_render_stats.blur). SCORE: the
+   mean of what paths bring home, for derivatives times their scores (equation 10). BASELINE takes off what a path was expected to
    bring before a choice, which lowers the variance of derivatives; with one medium, light that is
    everywhere the same and many paths, of images without derivatives too, in which single pixels may
    then be slightly negative. */
@@ -13572,7 +13573,8 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
    0.12.0 materials: mirror, conductor, rough diffuse, Ward, Ashikhmin and Shirley, measured (MERL),
           Beckmann's facets, blends of all; bump and normal maps; phase functions of von Mises and
           Fisher, mixtures of lobes; lights by spherical harmonics; ITN_OWN_SURFACE; a start of
-          searches by what is known of a scene: itn_probes_read; itn_version, itn_size_of.
+          searches by what is known of a scene: itn_probes_read; the sun behind smooth glass is
+          found, itn_render_stats.blur; itn_version, itn_size_of.
           breaks: images have other bits
    0.11.0 rough and smooth dielectrics under maps and skies render several times as efficiently;
           samples by pixel for gradients, too.
