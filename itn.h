@@ -589,11 +589,11 @@ typedef enum itn_mode { ITN_MODE_AUTO = 0, ITN_MODE_REFERENCE, ITN_MODE_FAST } i
    and the first flight, or each on its own. This, itn_estimator and walks are of the fast walk
    only; the reference takes no notice of them. */
 typedef enum itn_sampler { ITN_SAMPLER_SOBOL = 0, ITN_SAMPLER_RANDOM } itn_sampler;
-/* How images and derivatives are estimated, without bias (but see itn_render_stats.blur). SCORE: the
-   mean of what paths bring home, for derivatives times their scores (equation 10). BASELINE takes off what a path was expected to
-   bring before a choice, which lowers the variance of derivatives; with one medium, light that is
-   everywhere the same and many paths, of images without derivatives too, in which single pixels may
-   then be slightly negative. */
+/* How images and derivatives are estimated, without bias but for itn_render_stats.blur. SCORE: the
+   mean of what paths bring home, for derivatives times their scores (equation 10). BASELINE takes
+   off what a path was expected to bring before a choice, which lowers the variance of derivatives;
+   with one medium, light that is everywhere the same and many paths, of images without derivatives
+   too, in which single pixels may then be slightly negative. */
 typedef enum itn_estimator { ITN_ESTIMATOR_BASELINE = 0, ITN_ESTIMATOR_SCORE } itn_estimator;
 
 /* What a render did. */
@@ -13575,7 +13575,8 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
           Fisher, mixtures of lobes; lights by spherical harmonics; ITN_OWN_SURFACE; a start of
           searches by what is known of a scene: itn_probes_read; the sun behind smooth glass is
           found, itn_render_stats.blur; itn_version, itn_size_of.
-          breaks: images have other bits
+          breaks: images have other bits; faces of fewer than three corners are skipped, texture
+          coordinates that are not finite are 0, long names of EXR channels are cut
    0.11.0 rough and smooth dielectrics under maps and skies render several times as efficiently;
           samples by pixel for gradients, too.
           breaks: itn_refine is Gauss-Newton alone: itn_method, the options method and learning_rate
