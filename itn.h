@@ -12622,17 +12622,15 @@ ITN_API ITN__COLD itn_result itn_image_save_png(const itn_image *image, int firs
    turn left and hold no other corner (Meisters 1975: every simple polygon has two). */
 
 enum { ITN__EAR_CORNERS = 4096 }; /* most corners of a polygon that is cut by ears */
-/* Numbers of a vertex and of texture coordinates from the lists, no such: none; the position. */
 typedef struct itn__corner {
-    size_t vertex, texture;
-    const float *p;
+    size_t vertex, texture; /* from the lists; no such texture coordinates: none */
+    const float *p;         /* the position */
 } itn__corner;
 
 typedef struct itn__builder {
     itn__buffer positions, texcoords; /* float[3], float[2]: what the file lists */
     itn__buffer corners;              /* itn__corner: of the polygon at hand */
-    itn__buffer triangles, uvs;       /* int, float[2]: of the corners of triangles */
-    int untextured;                   /* some of these have no uv */
+    itn__buffer triangles, uvs;       /* int, float[2]: of the corners of triangles; those given */
 } itn__builder;
 
 static void itn__add_corner(itn__builder *b, itn__text *text, size_t vertex, size_t texture) {
@@ -12658,6 +12656,17 @@ static int itn__same_place(const itn__corner *a, const itn__corner *b) {
     return a->p[0] == b->p[0] && a->p[1] == b->p[1] && a->p[2] == b->p[2];
 }
 
+static void itn__add_triangle(itn__builder *b, const itn__corner *h, const itn__corner *i,
+                              const itn__corner *j) {
+    const itn__corner *corners[3] = {h, i, j};
+    for (int k = 0; k < 3; k++) {
+        size_t texture = corners[k]->texture;
+        int vertex = (int)corners[k]->vertex;
+        itn__put(&b->triangles, &vertex, sizeof vertex);
+        if (texture < b->texcoords.size / 8) itn__put(&b->uvs, b->texcoords.bytes + 8 * texture, 8);
+    }
+}
+
 /* Whether corner i, between h and j, of the count that are left is an ear. */
 static int itn__is_ear(const itn__corner *c, int count, const itn__corner *h, const itn__corner *i,
                        const itn__corner *j, int view) {
@@ -12670,11 +12679,10 @@ static int itn__is_ear(const itn__corner *c, int count, const itn__corner *h, co
     return 1;
 }
 
-/* Turns the corners at hand into triangles. Corners that are where the next one is hide how the
-   polygon turns there, and are let go while three stay. Triangles are cut off backwards from the
-   last corner, which makes the fan. Where there is no ear (the polygon crosses itself), any corner
-   does; after two such cuts no more is looked for, so that the work stays in bounds. What has only
-   one or two corners is let go. */
+/* Turns the corners at hand into triangles, if they are three or more. Corners that are where the
+   next one is are let go while three stay. Triangles are cut off backwards from the last corner,
+   which makes the fan. Where there is no ear (the polygon crosses itself), any corner does; after
+   two such cuts no more is looked for, so that the work stays in bounds. */
 static void itn__add_polygon(itn__builder *b, itn__text *text) {
     itn__corner *c = (itn__corner *)(void *)b->corners.bytes;
     size_t given = b->corners.size / sizeof *c;
@@ -12697,22 +12705,13 @@ static void itn__add_polygon(itn__builder *b, itn__text *text) {
         for (k = 0; k < n && n > 3 && !fan && earless < 2; k++, i = (i + 1) % n)
             if (itn__is_ear(c, n, c + (i + n - 1) % n, c + i, c + (i + 1) % n, view)) break;
         earless += k == n;
-        const int cut[3] = {(i + 1) % n, (i + n - 1) % n, i};
-        for (int m = 0; m < 3; m++) {
-            static const float none[2] = {0, 0};
-            const size_t texture = c[cut[m]].texture;
-            const int vertex = (int)c[cut[m]].vertex, given_uv = texture < b->texcoords.size / 8;
-            itn__put(&b->triangles, &vertex, sizeof vertex);
-            itn__put(&b->uvs, given_uv ? b->texcoords.bytes + 8 * texture : (const void *)none, 8);
-            b->untextured |= !given_uv;
-        }
+        itn__add_triangle(b, c + (i + 1) % n, c + (i + n - 1) % n, c + i);
         memmove(c + i, c + i + 1, (size_t)(n - i - 1) * sizeof *c);
     }
 }
 
-/* Makes the mesh of what was collected, whose memory it takes over. Vertices that no face names may
-   have coordinates that are not finite, and then get those of one that is named. Coordinates so far
-   from the origin that floats lose its shape are refused. */
+/* Makes the mesh of what was collected, whose memory it takes over. Where vertices that no face
+   names are not finite, they get the coordinates of one that is named. */
 static itn_result itn__builder_mesh(itn__builder *b, const char *name, itn_mesh *mesh,
                                     itn_error *error) {
     float *p = (float *)(void *)b->positions.bytes, size = 0, farthest = 0;
@@ -12735,17 +12734,15 @@ static itn_result itn__builder_mesh(itn__builder *b, const char *name, itn_mesh 
                          (double)farthest, (double)size);
     mesh->vertex_count = (int)vertices, mesh->triangle_count = (int)triangles;
     mesh->positions = p, mesh->triangles = (int *)(void *)b->triangles.bytes;
-    mesh->uvs = b->untextured ? NULL : (float *)(void *)b->uvs.bytes;
+    mesh->uvs = b->uvs.size == 24 * triangles ? (float *)(void *)b->uvs.bytes : NULL;
     mesh->context = b->uvs.context;
     b->positions.bytes = b->triangles.bytes = NULL;
     if (mesh->uvs) b->uvs.bytes = NULL;
     return ITN_OK;
 }
 
-/* OBJ is lines of a keyword and arguments: "v x y z", "vt u v", "f a/t/n ...". Indices count from
-   1, or backwards from -1, the latest. */
-
-/* Reads a corner "v", "v/t", "v//n" or "v/t/n" of what stands above it. */
+/* OBJ is lines of a keyword and arguments: "v x y z", "vt u v", "f a/t/n ...". A corner "v", "v/t",
+   "v//n" or "v/t/n" names what stands above it, from 1 on, or backwards from -1, the latest. */
 static void itn__obj_corner(itn__text *text, itn__builder *b, size_t normals) {
     const size_t counts[3] = {b->positions.size / 12, b->texcoords.size / 8, normals};
     const char *word = text->at, *at = word, *end = word + itn__word_length(text);
@@ -12832,64 +12829,62 @@ static int itn__ply_type(itn__text *text) {
     return i < 0 ? i : i % 8;
 }
 
-/* Reads "TYPE name" or "list TYPE TYPE name". Returns NULL, or what is wrong. */
-static const char *itn__ply_property(itn__ply *ply, itn__ply_line *p) {
-    int list = itn__accept(ply->text, "list") == 0;
-    p->list = list ? itn__ply_type(ply->text) : -1;
-    p->type = itn__ply_type(ply->text);
-    if (p == ply->lines) return "property stands before any element";
-    if (p->type < 0 || (list && p->list < 0) || itn__line_done(ply->text))
-        return "property has no valid type or no name";
-    if (p->list >= 6) return "list has a count that is no integer";
-    int i = itn__accept(ply->text, "x y z u v s t texture_u texture_v vertex_indices vertex_index "
-                                   "texcoord");
+/* Reads "TYPE name" or "list TYPE TYPE name". */
+static void itn__ply_property(itn__ply *ply, itn__ply_line *p) {
+    itn__text *text = ply->text;
+    int list = itn__accept(text, "list") == 0;
+    p->list = list ? itn__ply_type(text) : -1;
+    p->type = itn__ply_type(text);
+    if (p == ply->lines) ITN__DAMAGED(text, "PLY property stands before any element");
+    if (p->type < 0 || (list && p->list < 0) || itn__line_done(text))
+        ITN__DAMAGED(text, "PLY property has no valid type or no name");
+    if (p->list >= 6) ITN__DAMAGED(text, "PLY list has a count that is no integer");
+    int i = itn__accept(text, "x y z u v s t texture_u texture_v vertex_indices vertex_index "
+                              "texcoord");
     int kind = ply->kind == ITN__PLY_STRIPS && i < 11 ? ITN__PLY_FACE : ply->kind;
-    p->role = i < 0 || list != (i >= 9) || kind != (list ? ITN__PLY_FACE : ITN__PLY_VERTEX)
-                  ? ITN__PLY_NONE
-                  : "012343434556"[i] - '0';
-    if (ply->has >> p->role & 1) p->role = ITN__PLY_NONE;
+    p->role = i < 0 ? ITN__PLY_NONE : "012343434556"[i] - '0';
+    if (list != (i >= 9) || kind != (list ? ITN__PLY_FACE : ITN__PLY_VERTEX) ||
+        ply->has >> p->role & 1)
+        p->role = ITN__PLY_NONE;
     ply->has |= 1 << p->role;
-    return NULL;
 }
 
 static void itn__ply_header(itn__ply *ply) {
     itn__text *text = ply->text;
-    const char *fault = NULL;
-    int keyword = -1;
     ply->format = -1;
-    itn__skip_blanks(text);
-    /* "ply" ends in CR LF or LF or CR; in CR, a CR LF at the end is a line end and a datum */
-    int lone_return = text->end - text->at > 1 && text->at[0] == '\r' && text->at[1] != '\n';
-    while (keyword != 0 && !fault) {
+    for (int keyword = -1; keyword != 0 && !text->result;) {
         itn__ply_line *line = ply->lines + ply->count;
         itn__next_line(text);
         keyword = itn__accept(text, "end_header comment obj_info format property element");
         itn__skip_blanks(text);
-        if (text->at == text->end) fault = "header has no end";
-        else if (keyword >= 4 && ply->count++ == 544) fault = "header has too many lines";
+        if (text->at == text->end || (keyword == 0 && !itn__newline(text->at, text->end)))
+            ITN__DAMAGED(text, "PLY header has no end");
+        else if (keyword < 0 && !itn__newline(text->at, text->end))
+            ITN__DAMAGED(text, "PLY header has an unknown keyword");
+        else if (keyword >= 4 && ply->count++ == 544)
+            ITN__DAMAGED(text, "PLY header has too many lines");
         else if (keyword == 5) { /* "name count" */
             int kind = ply->kind = line->role = itn__accept(text, "vertex face tristrips") + 1;
             if (!kind) text->at += itn__word_length(text);
             double count = line->count = itn__take_decimal(text, NULL);
             line->type = -1;
             if (!(count >= 0 && count <= (kind ? INT_MAX : 1e15) && count == floor(count)))
-                fault = "element has no valid count";
-            else if (kind && ply->kinds >= 1 << kind)
-                fault = "has an element twice, or faces before the vertices";
+                ITN__DAMAGED(text, "PLY element has no valid count");
+            if (kind && ply->kinds >= 1 << kind)
+                ITN__DAMAGED(text, "PLY has an element twice, or faces before the vertices");
             ply->kinds |= 1 << kind;
-        } else if (keyword == 4) fault = itn__ply_property(ply, line);
+        } else if (keyword == 4) itn__ply_property(ply, line);
         else if (keyword == 3) {
             ply->format = itn__accept(text, "ascii binary_little_endian binary_big_endian");
-            if (ply->format < 0 || itn__accept(text, "1.0") < 0) fault = "has an unknown format";
-        } else if (keyword <= 0 && !itn__newline(text->at, text->end))
-            fault = keyword ? "header has an unknown keyword" : "header has no end";
+            if (ply->format < 0 || itn__accept(text, "1.0") < 0)
+                ITN__DAMAGED(text, "PLY has an unknown format");
+        }
     }
-    if (!fault && ply->format < 0) fault = "header has no format";
-    if (!fault && (ply->has & 7) != 7) fault = "has no vertex with x, y, z";
-    if (!fault && !(ply->has >> ITN__PLY_CORNERS & 1))
-        fault = "has no face, or tristrips, with a list vertex_indices";
-    if (fault) ITN__DAMAGED(text, "PLY %s", fault);
-    else text->at += lone_return ? 1 : itn__newline(text->at, text->end); /* binary from here on? */
+    if (ply->format < 0) ITN__DAMAGED(text, "PLY header has no format");
+    if ((ply->has & 7) != 7) ITN__DAMAGED(text, "PLY has no vertex with x, y, z");
+    if (!(ply->has >> ITN__PLY_CORNERS & 1))
+        ITN__DAMAGED(text, "PLY has no face, or tristrips, with a list vertex_indices");
+    text->at += itn__newline(text->at, text->end); /* binary from here on? */
     text->line = ply->format == ITN__PLY_ASCII ? text->line + 1 : 0;
 }
 
@@ -12909,24 +12904,14 @@ static double itn__ply_value(itn__ply *ply, int type) {
     return value; /* integer types of even places are signed */
 }
 
-/* Makes a triangle of the three corners at hand, if they are so many, and lets the first one go. */
-static void itn__add_strip(itn__builder *b, itn__text *text, int *odd) {
-    itn__corner *c = (itn__corner *)(void *)b->corners.bytes, kept[3];
-    if (b->corners.size < sizeof kept) return;
-    memcpy(kept, c, sizeof kept);
-    if (*odd) c[0] = kept[1], c[1] = kept[0];
-    itn__add_polygon(b, text);
-    memcpy(c, kept + 1, 2 * sizeof *c), b->corners.size = 2 * sizeof *c, *odd = !*odd;
-}
-
 /* Reads one entry of an element of `count` properties p: of each one number, or as many as the list
    has. Every step takes bytes, so that a count that lies ends with them. A face's own texture
    coordinates, which are put behind the vertices', count more than these. */
 static void itn__ply_entry(itn__ply *ply, int kind, const itn__ply_line *p, int count) {
     itn__builder *b = ply->builder;
-    size_t vertices = b->positions.size / 12, before = b->texcoords.size;
+    size_t vertices = b->positions.size / 12, before = b->texcoords.size, n = 0;
     float numbers[ITN__PLY_NONE + 1] = {0}; /* by role */
-    int odd = 0;
+    itn__corner *end = NULL;                /* of n corners */
     b->corners.size = 0;
     for (; count--; p++) {
         double left = p->list >= 0 ? itn__ply_value(ply, p->list) : 1;
@@ -12935,26 +12920,26 @@ static void itn__ply_entry(itn__ply *ply, int kind, const itn__ply_line *p, int 
             double value = itn__ply_value(ply, p->type);
             float *number = &numbers[p->role];
             *number = (float)value;
-            if (p->role == ITN__PLY_NONE) continue;
             if (p->role >= ITN__PLY_U && !itn__finite(*number)) *number = 0;
             if (p->role == ITN__PLY_TEXCOORDS) itn__put(&b->texcoords, number, 4);
-            else if (p->role != ITN__PLY_CORNERS) continue;
-            else if (value >= 0 && value < (double)vertices && value == floor(value))
+            if (p->role != ITN__PLY_CORNERS) continue;
+            if (value >= 0 && value < (double)vertices && value == floor(value))
                 itn__add_corner(b, ply->text, (size_t)value, (size_t)value);
-            else if (value == -1 && kind == ITN__PLY_STRIPS) b->corners.size = 0, odd = 0;
+            else if (value == -1 && kind == ITN__PLY_STRIPS) b->corners.size = 0;
             else ITN__DAMAGED(ply->text, "names a vertex that does not exist");
-            if (kind == ITN__PLY_STRIPS) itn__add_strip(b, ply->text, &odd);
+            n = b->corners.size / sizeof *end, end = (itn__corner *)(void *)b->corners.bytes + n;
+            if (kind == ITN__PLY_STRIPS && n >= 3)
+                itn__add_triangle(b, end - 2 - n % 2, end - 3 + n % 2, end - 1);
         }
     }
     if (kind == ITN__PLY_VERTEX) itn__put(&b->positions, numbers, 12);
     if (kind == ITN__PLY_VERTEX && (ply->has >> ITN__PLY_U & 3) == 3)
         itn__put(&b->texcoords, numbers + ITN__PLY_U, 8);
     if (kind != ITN__PLY_FACE) return;
-    itn__corner *corners = (itn__corner *)(void *)b->corners.bytes;
-    size_t count_of_corners = b->corners.size / sizeof *corners, own = b->texcoords.size - before;
-    if (own && own != 8 * count_of_corners)
+    size_t own = b->texcoords.size - before;
+    if (own && own != 8 * n)
         ITN__DAMAGED(ply->text, "has not two texture coordinates per corner");
-    for (size_t i = 0; own && i < count_of_corners; i++) corners[i].texture = before / 8 + i;
+    for (size_t i = 0; own && i < n; i++) end[-1 - (int)i].texture = before / 8 + n - 1 - i;
     itn__add_polygon(b, ply->text);
     b->texcoords.size = before;
 }
