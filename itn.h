@@ -11569,8 +11569,7 @@ ITN_API itn_result itn_probes_read(const itn_probes *probes, itn_net *net, const
    - itn__buffer is bytes that grow. A failed allocation is remembered and stops all later
      additions: code that composes needs one check, at its end.
    - itn__text is a place in a file. Its first failure is remembered, tells the place, by line or by
-     byte, and leaves nothing to read: code that parses goes on with zeros and soon ends.
-   - Numbers are put together from bytes: byte order and alignment of the machine do not matter. */
+     byte, and leaves nothing to read: code that parses goes on with zeros and soon ends. */
 
 typedef struct itn__buffer {
     unsigned char *bytes;
@@ -11583,7 +11582,6 @@ static void itn__buffer_free(itn__buffer *buffer) {
     itn__free(&buffer->context, buffer->bytes);
     buffer->bytes = NULL, buffer->size = buffer->capacity = 0;
 }
-/* Adds bytes; where they do not fit, there is twice as much room afterwards. */
 ITN__NOINLINE void itn__put(itn__buffer *buffer, const void *bytes, size_t size) {
     size_t needed = buffer->size + size + 1; /* each is at most SIZE_MAX / 2; never 0 */
     if (needed > buffer->capacity && !buffer->failed) {
@@ -11714,7 +11712,6 @@ static int itn__line_done(itn__text *text) {
     itn__skip_blanks(text);
     return text->at == text->end || *text->at == '#' || itn__newline(text->at, text->end);
 }
-/* Goes to the start of the next line, or to the end. */
 static void itn__next_line(itn__text *text) {
     while (text->at < text->end && !itn__newline(text->at, text->end)) text->at++;
     text->line += text->at < text->end;
@@ -11921,15 +11918,11 @@ static size_t itn__inflate_amount(itn__inflate *z, int symbol, int per_bit) {
 /* The Adler-32 sum of bytes behind others, of which it is `sum`; of none it is 1. */
 static uint32_t itn__adler32(uint32_t sum, const unsigned char *bytes, size_t size) {
     uint32_t a = sum & 0xffff, b = sum >> 16;
-    for (; size; size--) {
-        a += *bytes++, a -= a < 65521 ? 0 : 65521;
-        b += a, b -= b < 65521 ? 0 : 65521;
-    }
+    for (; size; size--) a = (a + *bytes++) % 65521, b = (b + a) % 65521;
     return b << 16 | a;
 }
 
-/* Decompresses a zlib stream that must hold exactly `capacity` bytes. Zeros, which are read behind
-   the end, lead to the end of the output, or to a block that is none. A stored block is its length,
+/* Decompresses a zlib stream that must hold exactly `capacity` bytes. A stored block is its length,
    that with all bits turned, and whole bytes. */
 static void itn__zlib_decode(itn__text *in, unsigned char *bytes, size_t capacity) {
     itn__inflate z = ITN_ZERO;
@@ -12030,8 +12023,8 @@ static float itn__half_to_float(uint32_t bits) {
     return bits & 0x8000 ? -value : value;
 }
 
-/* Reads one block, and spreads its lines over the image's planes. Run lengths are a count n < 128,
-   and then a byte for n + 1, or (others) 256 - n bytes. */
+/* Reads one block. Run lengths are a count n < 128, and then a byte for n + 1, or (others) 256 - n
+   bytes. */
 static void itn__exr_block(itn__text *text, itn__exr *exr, itn_image *image) {
     itn__text in = *text;
     const int64_t *data = exr->data, *shown = exr->display;
@@ -12073,8 +12066,7 @@ static void itn__exr_block(itn__text *text, itn__exr *exr, itn_image *image) {
         }
 }
 
-/* Reads the header, and checks that the file is large enough for what it promises (deflate shrinks
-   at most 1032-fold); then the blocks. */
+/* Deflate shrinks at most 1032-fold: a header that promises more than the file can hold lies. */
 static ITN__COLD void itn__exr_decode(itn__text *text, itn_image *image) {
     itn__exr exr = ITN_ZERO;
     text->line = 0;
@@ -12082,9 +12074,6 @@ static ITN__COLD void itn__exr_decode(itn__text *text, itn_image *image) {
     int64_t *data = exr.data, *shown = exr.display;
     const char *name;
     exr.compression = -1, data[2] = shown[2] = INT64_MIN; /* which no file says */
-    if (version != 2 && version != 0x402) /* 400: long names */
-        ITN__UNSUPPORTED(text, "EXR of tiles, deep data, several parts or another version than 2: "
-                         "save it as scan lines, compressed by ZIP");
     while (*(name = itn__take_string(text))) {
         itn__take_string(text); /* the type */
         itn__text value = itn__take_part(text, itn__take_u32(text));
@@ -12099,15 +12088,16 @@ static ITN__COLD void itn__exr_decode(itn__text *text, itn_image *image) {
     double width = (double)(data[2] - data[0]) + 1, height = (double)(data[3] - data[1]) + 1;
     double across = (double)(shown[2] - shown[0]) + 1, down = (double)(shown[3] - shown[1]) + 1;
     double most = (exr.compression ? 1032 : 1) * (double)(text->end - text->at);
-    if (exr.compression > ITN__EXR_ZIP)
-        ITN__UNSUPPORTED(text, "EXR compression %d (4 is PIZ, 6 and 7 B44, 8 and 9 DWA): save it "
-                         "compressed by ZIP", exr.compression);
+    double pixels = width * height;
+    if ((version != 2 && version != 0x402) || exr.compression > ITN__EXR_ZIP) /* 400: long names */
+        ITN__UNSUPPORTED(text, "EXR of tiles, deep data, several parts, another version than 2 or "
+                         "compression %d (4 is PIZ, 6 and 7 B44, 8 and 9 DWA): save it as scan "
+                         "lines, compressed by ZIP", exr.compression);
     if (!exr.channels || exr.compression < 0 || fmin(fmin(width, height), fmin(across, down)) < 1 ||
-        fmax(fmax(width, height), fmax(across, down)) > INT_MAX)
-        ITN__DAMAGED(text, "EXR header lacks channels, compression or windows of valid size");
-    if ((double)exr.line * width * height > fmin(most, (double)(SIZE_MAX / 4)) ||
-        across * down > 256 * width * height)
-        ITN__DAMAGED(text, "EXR windows are larger than the data: cut off or damaged");
+        fmax(fmax(width, height), fmax(across, down)) > INT_MAX || across * down > 256 * pixels ||
+        (double)exr.line * pixels > fmin(most, (double)(SIZE_MAX / 4)))
+        ITN__DAMAGED(text, "EXR header lacks channels or compression, or has windows that are not "
+                     "valid or larger than the data: cut off or damaged");
     if (text->result || (text->result = itn_image_create((int)across, (int)down, exr.channels,
                                                          text->context, image, text->error)))
         return;
@@ -12164,11 +12154,10 @@ static void itn__pfm_decode(itn__text *text, int channels, itn_image *image) {
 
 enum { ITN__IHDR = 0x49484452, ITN__PLTE = 0x504c5445, ITN__IDAT = 0x49444154 };
 enum { ITN__IEND = 0x49454e44, ITN__TRNS = 0x74524e53, ITN__GAMA = 0x67414d41 };
-enum { ITN__PNG_PALETTE = 3 };
 typedef struct itn__png {
     int width, height, depth;
     int type; /* 0 grey, 2 RGB, 3 palette, 4 grey and alpha, 6 RGB and alpha */
-    int colours, alpha, ended; /* how many planes of each; whether IEND was there */
+    int colours, alpha; /* how many planes of each */
     float gamma;
     unsigned char palette[256][4];
     itn__buffer data; /* of all IDAT */
@@ -12192,7 +12181,8 @@ static uint32_t itn__crc32(const unsigned char *bytes, size_t size) {
     return ~crc;
 }
 
-static void itn__png_chunk(itn__text *text, itn__png *png) {
+/* Reads a chunk; returns its type. */
+static int itn__png_chunk(itn__text *text, itn__png *png) {
     static const int depths[7] = {0x10116, 0, 0x10100, 0x116, 0x10100, 0, 0x10100}; /* as bits */
     size_t size = itn__take_number(text, 4, 1) & INT_MAX;
     itn__text in = itn__take_part(text, size + 4);
@@ -12217,7 +12207,7 @@ static void itn__png_chunk(itn__text *text, itn__png *png) {
         png->gamma = 1e5f / (float)itn__take_number(&in, 4, 1);
         if (!(png->gamma > .05f && png->gamma < 20)) ITN__DAMAGED(&in, "gamma is damaged");
         if (fabsf(png->gamma - 2.2f) < 1e-4f) png->gamma = 0;
-    } else if (type == ITN__PLTE || (type == ITN__TRNS && png->type == ITN__PNG_PALETTE)) {
+    } else if (type == ITN__PLTE || (type == ITN__TRNS && png->type == 3)) {
         size_t step = type == ITN__PLTE ? 3 : 1; /* bytes of a colour, of its alpha */
         if (step == 3 && size > 768) ITN__DAMAGED(&in, "more than 256 colours");
         for (size_t k = 0; k < size && k < 256 * step; k++)
@@ -12226,10 +12216,10 @@ static void itn__png_chunk(itn__text *text, itn__png *png) {
     } else if (type == ITN__TRNS)
         ITN__UNSUPPORTED(&in, "one colour is transparent: save it with an alpha channel");
     else if (type == ITN__IDAT) itn__put(&png->data, data, size);
-    else if (type == ITN__IEND) png->ended = 1;
-    else if (!(type & 0x20000000)) /* a capital letter is the first */
+    else if (type != ITN__IEND && !(type & 0x20000000)) /* a capital letter is the first */
         ITN__UNSUPPORTED(&in, "its type is unknown, and necessary");
     text->result = in.result;
+    return type;
 }
 
 /* Undoes the filter of a row that stands behind another; pixels begin `step` bytes apart. */
@@ -12245,19 +12235,19 @@ static void itn__png_unfilter(unsigned char *row, size_t line, size_t step) {
 }
 
 /* Reads the chunks; decompresses the rows, behind one of zeros; and makes of codes colours by the
-   curve, whose values are kept once they are known, and alpha as it is. */
+   curve, and alpha as it is. */
 static ITN__COLD void itn__png_decode(itn__text *text, itn_image *image) {
     itn__png png = ITN_ZERO;
     memset(png.palette, 255, sizeof png.palette);
     text->line = 0, text->part = "PNG chunk";
     text->result = itn__context_check(text->context, &png.data.context, text->error);
     itn__take_bytes(text, 8); /* the signature */
-    for (; !png.ended && !text->result; text->number++) itn__png_chunk(text, &png);
+    while (!text->result && itn__png_chunk(text, &png) != ITN__IEND) text->number++;
     if (png.data.failed) itn__text_fail(text, ITN_ERROR_MEMORY, "out of memory");
-    int palette = png.type == ITN__PNG_PALETTE, samples = palette ? 1 : png.colours + png.alpha;
+    int palette = png.type == 3, samples = palette ? 1 : png.colours + png.alpha;
     size_t depth = (size_t)png.depth, bits = depth * (size_t)samples;
-    size_t line = ((size_t)png.width * bits + 7) / 8 + 1, codes = palette ? 256 : 1u << depth % 32;
-    double gamma = (double)png.gamma;
+    size_t line = ((size_t)png.width * bits + 7) / 8 + 1;
+    unsigned most = palette ? 255 : (1u << depth % 32) - 1; /* the largest code */
     if ((double)line * png.height > 1032 * (double)png.data.size || line > INT_MAX)
         ITN__DAMAGED(text, "more pixels than the data hold: cut off or damaged");
     if (!text->result)
@@ -12265,16 +12255,16 @@ static ITN__COLD void itn__png_decode(itn__text *text, itn_image *image) {
                                         text->context, image, text->error);
     for (int k = 0; k < image->plane_count; k++)
         image->names[k][0] = k == png.colours ? 'A' : "YRGB"[k + png.colours / 3];
-    image->gamma = png.gamma, image->codes = (int)(codes - 1);
+    image->gamma = png.gamma, image->codes = (int)most;
     text->start = text->at = text->end = (const char *)png.data.bytes;
     if (png.data.size) text->end += png.data.size;
     text->part = "PNG row", text->number = 0;
-    size_t size = line * (size_t)png.height + line;
-    float *light = text->result ? NULL
-                   : (float *)itn__allocate(&image->context, codes * sizeof *light + size, 1);
-    unsigned char *row = light ? (unsigned char *)(light + codes) + line : NULL;
-    if (!light) itn__text_fail(text, ITN_ERROR_MEMORY, "out of memory");
-    else itn__zlib_decode(text, row, size - line);
+    size_t size = line * (size_t)png.height;
+    unsigned char *rows = NULL, *row;
+    if (!text->result) rows = ITN__NEW(unsigned char, &image->context, size + line);
+    row = rows;
+    if (!rows) itn__text_fail(text, ITN_ERROR_MEMORY, "out of memory");
+    else itn__zlib_decode(text, row += line, size);
     for (; text->number < png.height && !text->result; text->number++, row += line) {
         if (*row > 4) ITN__DAMAGED(text, "there is no filter %d", *row);
         else itn__png_unfilter(row, line, (bits + 7) / 8);
@@ -12284,16 +12274,14 @@ static ITN__COLD void itn__png_decode(itn__text *text, itn_image *image) {
                 unsigned code = (unsigned)itn__from_bytes(row + 1 + bit / 8, (depth + 7) / 8, 1);
                 if (depth < 8) code = code >> (8 - depth - bit % 8) & ((1u << depth) - 1);
                 if (palette) code = png.palette[code][k];
-                if (light[code] == 0 && k < png.colours)
-                    light[code] = (float)itn__decode((double)code / (double)(codes - 1), gamma);
-                *itn__pixel(image, k, (int)text->number, x) =
-                    k < png.colours ? light[code] : (float)code / (float)(codes - 1);
+                double value = (double)code / most;
+                if (k < png.colours) value = itn__decode(value, (double)png.gamma);
+                *itn__pixel(image, k, (int)text->number, x) = (float)value;
             }
     }
-    itn__free(&image->context, light), itn__buffer_free(&png.data);
+    itn__free(&image->context, rows), itn__buffer_free(&png.data);
 }
 
-/* Fails because bytes are of no format that is read, and says which they are of. */
 static itn_result itn__fail_format(const void *bytes, size_t size, const char *name,
                                    const char *wanted, itn_error *error) {
     static const struct { size_t at; const char *bytes, *what; } known[] = {
@@ -12348,10 +12336,9 @@ typedef struct itn__photo {
     int stated, known; /* whether anything says what the noise is; whether a variance is not 0 */
 } itn__photo;
 
-/* Makes a film pixel: its values and, in the planes behind, their variances. It is masked if a part
-   of it is transparent, masked or saturated. A pixel of the photo has sides as long as the film has
-   pixels, then one of the film's as long as the crop has; for a grey film it is its luminance, and
-   its channels have their noise together. */
+/* Makes a film pixel: its values and, in the planes behind, their variances. Lengths are such that
+   a pixel of the photo has the sides columns and rows, and one of the film w and h. Channels that
+   become the luminance of a grey film have their noise together. */
 static itn_result itn__photo_film(itn__photo *photo, int x, int y, itn_image *made,
                                   itn_error *error) {
     const itn_photo_desc *d = &photo->desc;
@@ -12430,9 +12417,9 @@ ITN_API ITN__COLD itn_result itn_photo_make(const itn_image *image, const itn_ph
         fault = "is cropped to another shape than the film's, to less pixels, or beyond its edge";
     else if (!(d->gamma <= 20 && d->read_noise >= 0 && d->gain >= 0))
         fault = "has a gamma, read noise or gain that is out of range";
-    else if (!itn__image_colours(image, p.planes)) fault = "has neither Y nor R, G and B";
-    else if (p.planes[0] == p.planes[1] && film.channels == 3)
-        fault = "has not R, G and B, which the film has";
+    else if (!itn__image_colours(image, p.planes) ||
+             (p.planes[0] == p.planes[1] && film.channels == 3))
+        fault = "has neither Y nor R, G and B, or only Y for a film in colour";
     else if (d->mask && (d->mask->width != image->width || d->mask->height != image->height ||
                          !itn__image_colours(d->mask, p.mask)))
         fault = "has another size than its mask, or that has neither Y nor R, G and B";
@@ -12470,12 +12457,11 @@ ITN_API itn_result itn_image_load(const char *path, const itn_context *context, 
 static itn_result itn__check_image(const itn_image *image, int first_plane, int plane_count,
                                    itn__buffer *buffer, itn_error *error) {
     memset(buffer, 0, sizeof *buffer);
-    if (!image || !image->pixels || !image->names || image->width < 1 || image->height < 1)
-        return ITN__INVALID("saving an image: it has no pixels");
-    if (first_plane < 0 || (plane_count != 1 && plane_count != 3) ||
+    if (!image || !image->pixels || !image->names || image->width < 1 || image->height < 1 ||
+        first_plane < 0 || (plane_count != 1 && plane_count != 3) ||
         first_plane > image->plane_count - plane_count)
-        return ITN__INVALID("saving an image: %d planes from plane %d on of an image of %d",
-                            plane_count, first_plane, image->plane_count);
+        return ITN__INVALID("saving an image: it has no pixels, or not %d planes from plane %d on",
+                            plane_count, first_plane);
     return itn__context_check(&image->context, &buffer->context, error);
 }
 
@@ -12486,23 +12472,21 @@ ITN_API ITN__COLD itn_result itn_image_save_exr(const itn_image *image, const ch
                                                 itn_error *error) {
     itn__buffer buffer;
     int order[ITN__EXR_CHANNELS];
-    const char *fault = NULL;
     itn_result result = itn__check_image(image, 0, 1, &buffer, error);
     if (result) return result;
     uint64_t width = (uint64_t)image->width, height = (uint64_t)image->height, list = 1;
     uint64_t line = width * (size_t)image->plane_count * 4, last = (height - 1) << 32 | (width - 1);
-    if (line > INT_MAX || image->plane_count > ITN__EXR_CHANNELS)
-        fault = "a line of 2 GiB, or 1025 planes";
-    for (int i = 0, k; i < image->plane_count && !fault; i++) {
+    int good = line <= INT_MAX && image->plane_count <= ITN__EXR_CHANNELS;
+    for (int i = 0, k; i < image->plane_count && good; i++) {
         const char *name = image->names[i];
-        if (!*name || !memchr(name, 0, ITN_NAME_SIZE)) fault = "a plane's name is empty or endless";
-        for (k = i; k > 0 && !fault && strcmp(name, image->names[order[k - 1]]) <= 0; k--) {
-            if (!strcmp(name, image->names[order[k - 1]])) fault = "two planes have the same name";
-            order[k] = order[k - 1];
-        }
-        order[k] = i, list += fault ? 0 : strlen(name) + 17;
+        good = *name && memchr(name, 0, ITN_NAME_SIZE);
+        for (k = i; k > 0 && good && strcmp(name, image->names[order[k - 1]]) <= 0; k--)
+            good = strcmp(name, image->names[order[k - 1]]), order[k] = order[k - 1];
+        order[k] = i, list += good ? strlen(name) + 17 : 0;
     }
-    if (fault) return ITN__INVALID("saving an image: %s", fault);
+    if (!good)
+        return ITN__INVALID("saving an EXR: planes whose names are empty, endless or the same, "
+                            "1025 planes, or a line of 2 GiB");
     ITN__PUT_BYTES(&buffer, "\x76\x2f\x31\x01\2\4\0\0channels\0chlist\0"); /* 4: long names */
     itn__put_number(&buffer, list, 4, 0);
     for (int i = 0; i < image->plane_count; i++) { /* float, not subsampled */
@@ -12904,14 +12888,14 @@ static double itn__ply_value(itn__ply *ply, int type) {
     return value; /* integer types of even places are signed */
 }
 
-/* Reads one entry of an element of `count` properties p: of each one number, or as many as the list
-   has. Every step takes bytes, so that a count that lies ends with them. A face's own texture
-   coordinates, which are put behind the vertices', count more than these. */
+/* Reads one entry of an element of `count` properties p. Every step takes bytes, so that a count
+   that lies ends with them. A face's own texture coordinates, which are put behind the vertices',
+   count more than these. */
 static void itn__ply_entry(itn__ply *ply, int kind, const itn__ply_line *p, int count) {
     itn__builder *b = ply->builder;
     size_t vertices = b->positions.size / 12, before = b->texcoords.size, n = 0;
     float numbers[ITN__PLY_NONE + 1] = {0}; /* by role */
-    itn__corner *end = NULL;                /* of n corners */
+    itn__corner *c = NULL;                  /* n corners */
     b->corners.size = 0;
     for (; count--; p++) {
         double left = p->list >= 0 ? itn__ply_value(ply, p->list) : 1;
@@ -12927,9 +12911,9 @@ static void itn__ply_entry(itn__ply *ply, int kind, const itn__ply_line *p, int 
                 itn__add_corner(b, ply->text, (size_t)value, (size_t)value);
             else if (value == -1 && kind == ITN__PLY_STRIPS) b->corners.size = 0;
             else ITN__DAMAGED(ply->text, "names a vertex that does not exist");
-            n = b->corners.size / sizeof *end, end = (itn__corner *)(void *)b->corners.bytes + n;
+            n = b->corners.size / sizeof *c, c = (itn__corner *)(void *)b->corners.bytes;
             if (kind == ITN__PLY_STRIPS && n >= 3)
-                itn__add_triangle(b, end - 2 - n % 2, end - 3 + n % 2, end - 1);
+                itn__add_triangle(b, c + n - 2 - n % 2, c + n - 3 + n % 2, c + n - 1);
         }
     }
     if (kind == ITN__PLY_VERTEX) itn__put(&b->positions, numbers, 12);
@@ -12939,7 +12923,7 @@ static void itn__ply_entry(itn__ply *ply, int kind, const itn__ply_line *p, int 
     size_t own = b->texcoords.size - before;
     if (own && own != 8 * n)
         ITN__DAMAGED(ply->text, "has not two texture coordinates per corner");
-    for (size_t i = 0; own && i < n; i++) end[-1 - (int)i].texture = before / 8 + n - 1 - i;
+    for (size_t i = 0; own && i < n; i++) c[i].texture = before / 8 + i;
     itn__add_polygon(b, ply->text);
     b->texcoords.size = before;
 }
