@@ -12209,7 +12209,6 @@ static int itn__png_chunk(itn__text *text, itn__png *png) {
         if (fabsf(png->gamma - 2.2f) < 1e-4f) png->gamma = 0;
     } else if (type == ITN__PLTE || (type == ITN__TRNS && png->type == 3)) {
         size_t step = type == ITN__PLTE ? 3 : 1; /* bytes of a colour, of its alpha */
-        if (step == 3 && size > 768) ITN__DAMAGED(&in, "more than 256 colours");
         for (size_t k = 0; k < size && k < 256 * step; k++)
             png->palette[k / step][step == 3 ? k % 3 : 3] = data[k];
         png->alpha |= type == ITN__TRNS;
