@@ -3715,6 +3715,7 @@ ITN_API void itn_scene_free(itn_scene *scene) {
 ITN_API itn_film_desc itn_scene_film(const itn_scene *scene) { return scene->film; }
 
 /* Index of the item of that name (their first field) among `count`, or -1; also of NULL. */
+#define ITN__FIND(name, items, count) itn__find_name(name, items, sizeof *(items), count)
 static int itn__find_name(const char *name, const void *items, size_t stride, int count) {
     for (int i = 0; i < count && name; i++)
         if (!strcmp(name, (const char *)items + (size_t)i * stride)) return i;
@@ -3724,7 +3725,7 @@ static int itn__find_name(const char *name, const void *items, size_t stride, in
 ITN_API double itn_scene_thickness(const itn_scene *scene, const float *theta,
                                    const char *medium) {
     double volume = 0, area = 0, sigma_t = 0;
-    int m = itn__find_name(medium, scene->media, sizeof *scene->media, scene->medium_count);
+    int m = ITN__FIND(medium, scene->media, scene->medium_count);
     for (int i = 0; i < scene->object_count && m >= 0; i++)
         if (scene->objects[i].medium == m)
             volume += scene->objects[i].volume, area += scene->objects[i].area;
@@ -3738,7 +3739,7 @@ ITN_API double itn_scene_thickness(const itn_scene *scene, const float *theta,
 ITN_API int itn_scene_tissue(const itn_scene *scene, const float *theta, const char *medium,
                              int channel, const int *parameters, int count,
                              const double *covariance, itn_tissue *tissue) {
-    int m = itn__find_name(medium, scene->media, sizeof *scene->media, scene->medium_count);
+    int m = ITN__FIND(medium, scene->media, scene->medium_count);
     double x[2 + ITN__SHAPES], variance[3] = {0, 0, 0}, slopes[3][2 + ITN__SHAPES] = {{0}};
     if (m < 0 || channel < 0 || channel >= scene->film.channels) return 0;
     const itn__medium *of = &scene->media[m];
@@ -5590,11 +5591,10 @@ ITN_API ITN__COLD itn_result itn_mesh_check(const itn_mesh *mesh, const itn_cont
 
 /* ---- [maker] a desc, checked and made ready -------------------------------------------------- */
 
-/* A scene is made item by item: film, camera, then media, surfaces, objects ([objects]) and lights.
+/* A scene is made item by item: film, camera, then media, surfaces, lights and objects ([objects]).
    The fields of each are checked before anything is taken from it, and enter their numbers into the
-   parameter table; images are copied. The first error ends it all, and what was made is freed.
-   First the fields of the items that have no models. mu_a, mu_s and mu_s' of a medium stand where
-   albedo and sigma_t_rgb will (itn__end_medium). */
+   parameter table; images are copied. The first error ends it all. First the fields of what has no
+   models. mu_a, mu_s and mu_s' stand where albedo and sigma_t_rgb will (itn__end_medium). */
 typedef itn_sky itn_sky_desc;
 #define ITN__COEFFICIENTS(name, c) ITN__FIELD(name, sky, coefficients[c], "9f!", ITN__ANY, 0)
 #define ITN__MEDIUM_FIELDS                                                                         \
@@ -5707,8 +5707,7 @@ typedef struct itn__maker {
 } itn__maker;
 
 /* Fails with "item: ..."; ARGUMENT becomes the maker's refusal. */
-static itn_result itn__refuse(itn__maker *maker, itn_result code, const char *format, ...)
-    ITN__PRINTF(3, 4);
+ITN__PRINTF(3, 4)
 static itn_result itn__refuse(itn__maker *maker, itn_result code, const char *format, ...) {
     char words[800];
     va_list arguments;
@@ -5883,9 +5882,8 @@ static void itn__to_film(const itn_scene *scene, float rgb[3]) {
 }
 
 static double itn__encode(double light, double gamma);
-/* Copies an image's light into texels [height][width][3] after checking its values; with repair,
-   what is negative, infinite or NaN becomes 0. Of what tilts (1: heights, 3: normals) what it
-   codes, into [3][height][width]. */
+/* Copies an image's light into texels [height][width][3]; with repair, what is negative, infinite
+   or NaN becomes 0. Of what tilts (1: heights, 3: normals) what it codes: [3][height][width]. */
 static itn_result itn__copy_texels(itn__maker *maker, const itn_image *image, float largest,
                                    int repair, int tilted, int *width, int *height,
                                    float **texels) {
@@ -5969,16 +5967,15 @@ static itn_result itn__take_weights(itn__maker *maker, const itn_surface_desc *i
     return maker->result;
 }
 
-/* Finds the parts of a blend; that tilts them if they are not tilted: copies of them. What is said
-   of a dielectric holds for a blend that has one, as its object has one index inside; and that it
-   has texture coordinates, if some part needs them. */
+/* Finds the parts of a blend; of those that it tilts, not being tilted, copies. It has the index of
+   a dielectric among them, as its object has one inside, and a texture if some part has one. */
 static itn_result itn__join_parts(itn__maker *maker, int index) {
     itn_scene *scene = maker->scene;
     itn__surface *blend = &scene->surfaces[index];
     itn__go_to(maker, ITN__SURFACE, index), itn__copy_name(maker->title, blend->name);
     for (int k = 0; k < blend->part_count; k++) {
         const char *name = maker->desc->surfaces[index].parts[k];
-        int found = itn__find_name(name, scene->surfaces, sizeof *blend, scene->surface_count);
+        int found = ITN__FIND(name, scene->surfaces, scene->surface_count);
         itn__surface *part = &scene->surfaces[found < 0 ? 0 : found];
         if (found < 0) return ITN__REFUSE("there is no surface '%s'", name ? name : "");
         if (part->part_count)
@@ -6245,19 +6242,13 @@ static itn_result itn__make_cones(itn__maker *maker) {
 
 #ifndef ITN_NO_FAST
 
-/* Numbers k ... k + ITN__LANES - 1 of a lattice of ITN__GUIDE_DRAWS points, coordinate c. */
-static itn__floats itn__lattice(int k, int c) {
-    static const float steps[3] = {.8191725f, .6710436f, .5497005f}; /* Roberts 2018, R3 */
-    itn__floats x = .5f + steps[c] * itn__to_floats(itn__lane_numbers() + itn__splat_int(k));
-    return x - itn__to_floats(itn__to_ints(x));
-}
-
 /* Makes the light to which paths are guided within media ([walk]), if there are some: a map
    of what the sampled lights have above their mean, over that, each node by the draws around it. */
 enum { ITN__GUIDE_WIDTH = 64, ITN__GUIDE_HEIGHT = 33, ITN__GUIDE_DRAWS = 4096 };
 #define ITN__GUIDE_BLUR .04f /* 1 - cos of the angle within which draws count */
 static itn_result itn__make_guide(itn__maker *maker) {
     enum { NODES = ITN__GUIDE_WIDTH * ITN__GUIDE_HEIGHT, DRAWS = ITN__GUIDE_DRAWS };
+    static const float steps[3] = {.8191725f, .6710436f, .5497005f}; /* Roberts 2018, R3 */
     const float size = 2 * ITN__PI / 3 * ITN__GUIDE_BLUR; /* integral of (1 - x / blur)^2 */
     itn_scene *scene = maker->scene;
     itn__light *guide = &scene->guide;
@@ -6275,7 +6266,10 @@ static itn_result itn__make_guide(itn__maker *maker) {
     for (int k = 0; k < DRAWS; k += ITN__LANES) {
         itn__floats u[3], pdf, sum = itn__splat(0);
         itn__towards to;
-        for (int c = 0; c < 3; c++) u[c] = itn__lattice(k, c);
+        for (int c = 0; c < 3; c++) {
+            u[c] = .5f + steps[c] * itn__to_floats(itn__lane_numbers() + itn__splat_int(k));
+            u[c] = u[c] - itn__to_floats(itn__to_ints(u[c]));
+        }
         itn__draw_lights(scene, u, itn__splat_int(-1), &to, &pdf);
         for (int i = 0; i <= scene->last_sampled; i++) {
             const itn__light *from = &scene->lights[i];
@@ -6322,7 +6316,7 @@ ITN_API const itn_parameter *itn_parameter_get(const itn_scene *scene, int index
 }
 
 ITN_API int itn_parameter_find(const itn_scene *scene, const char *name) {
-    return itn__find_name(name, scene->parameters, sizeof(itn_parameter), scene->parameter_count);
+    return ITN__FIND(name, scene->parameters, scene->parameter_count);
 }
 
 ITN_API void itn_parameter_values(const itn_scene *scene, float *theta) {
@@ -6393,10 +6387,8 @@ static void itn__place_vertex(const itn_mesh *mesh, const double m[12], int i, d
 static itn_result itn__name_object(itn__maker *maker, const itn_object_desc *in,
                                    itn__object *object) {
     const itn_scene *scene = maker->scene;
-    object->medium = itn__find_name(in->medium, scene->media, sizeof *scene->media,
-                                    scene->medium_count);
-    object->surface = itn__find_name(in->surface, scene->surfaces, sizeof *scene->surfaces,
-                                     scene->surface_count);
+    object->medium = ITN__FIND(in->medium, scene->media, scene->medium_count);
+    object->surface = ITN__FIND(in->surface, scene->surfaces, scene->surface_count);
     object->refracts = object->surface >= 0 && scene->surfaces[object->surface].ior >= 0;
     object->solid = in->medium || object->refracts;
     if (in->medium && object->medium < 0) return ITN__REFUSE("there is no medium '%s'", in->medium);
@@ -6474,9 +6466,8 @@ static itn_result itn__make_object(itn__maker *maker, int index) {
     return ITN_OK;
 }
 
-/* The middle and radius of the solids, or of everything where there are none, and where the camera
-   is from there. Fails where that is so far away that rays, which are floats, hardly know what they
-   pass. */
+/* The middle and radius of the solids, or of everything where there are none, and the camera from
+   there. Fails where that is so far away that rays, as floats, hardly know what they pass. */
 static itn_result itn__make_origin(itn__maker *maker) {
     itn_scene *scene = maker->scene;
     const itn__object *end = scene->objects + scene->object_count, *o;
@@ -6772,10 +6763,9 @@ typedef struct itn__render {
     int rows;            /* of a path that are in use */
 } itn__render;
 
-/* A render's memory is taken block by block and given back at once. Fresh pages from the system
-   cost more than a small render: so the scene keeps the chain of the last one's blocks, unless it
-   is large, and the next one, which mostly asks for the same, takes them in the same order. Of
-   several renders at once one has it, and the others allocate. */
+/* A render's memory is taken block by block and given back at once. As fresh pages cost more than a
+   small render, the scene keeps the chain of the last one's blocks, unless it is large, and the
+   next one takes them in the same order. Of several renders at once the others allocate. */
 enum { ITN__KEPT_BYTES = 4 << 20 }; /* kept for each thread */
 
 /* Takes count * size zeroed bytes; returns NULL if that overflows or memory is out. A block that is
@@ -13112,11 +13102,17 @@ ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *
 /* ---- [scenefile] scenes as text files -------------------------------------------------------- */
 
 /* A scene file, whose grammar is in [api-scene], is read word by word. The tables of [fields] say
-   what stands in a line: a keyword (and for some items a name), then fields, each with a word or a
-   few numbers, which go straight to the item's desc. Errors of form are found here; all else is
-   checked by the maker, as lines may stand in any order, and it knows which item is at fault. */
+   what stands in a line: a keyword (and for some items a name), then fields, which go straight to
+   the item's desc. Errors of form are found here, all else by the maker, as lines may stand in any
+   order. */
 
 enum { ITN__MOST_ITEMS = 64, ITN__MOST_LISTED = 512, ITN__MOST_TEXT = 1 << 24 };
+
+typedef struct itn__content { /* of a file, one of these */
+    itn_mesh mesh;
+    itn_image image;
+    itn__buffer bytes;
+} itn__content;
 
 typedef struct itn__reader {
     itn__text text;
@@ -13126,13 +13122,11 @@ typedef struct itn__reader {
     itn_scene_desc desc;
     int count[ITN__KINDS], lines[ITN__KINDS][ITN__MOST_ITEMS]; /* how many so far; where they are */
     int colour_line; /* of the first colour of three numbers, 0: none so far */
-    int name_count, mesh_count, image_count, table_count, part_count, weight_count;
+    int name_count, file_use, part_count, weight_count;
     const char *parts[ITN__MOST_LISTED]; /* of all blends, */
     float weights[ITN__MOST_LISTED];     /* and theirs */
     char names[5 * ITN__MOST_ITEMS + ITN__MOST_LISTED][ITN_NAME_SIZE]; /* two of an object */
-    itn_mesh meshes[ITN__MOST_ITEMS];
-    itn_image images[3 * ITN__MOST_ITEMS];
-    itn__buffer tables[ITN__MOST_ITEMS];
+    itn__content contents[6 * ITN__MOST_ITEMS]; /* four of a surface */
     itn_medium_desc media[ITN__MOST_ITEMS];
     itn_surface_desc surfaces[ITN__MOST_ITEMS];
     itn_object_desc objects[ITN__MOST_ITEMS];
@@ -13286,8 +13280,7 @@ static void itn__read_path(itn__reader *r, const char *what, char path[4096]) {
     r->text.at = from + length;
     if (quoted && (r->text.at++ == end || r->text.at[-1] != quote))
         ITN__WRONG("%s: the path's quote does not end in this line", what);
-    else if (itn__print(path, 4096, "%.*s", length, from) >= 4096)
-        itn__text_fail(&r->text, ITN_ERROR_FILE, "a path has more than 4095 bytes");
+    itn__print(path, 4096, "%.*s", length, from); /* what is cut is too long, too */
 }
 
 /* Finds a file among those given in memory, else reads it: from beside the scene file, or where its
@@ -13308,8 +13301,8 @@ static itn_result itn__find_file(const itn__reader *r, char path[4096], itn_file
     absolute |= path[0] == '\\' || (path[0] && path[1] == ':');
 #endif
     while (folder && (absolute || !strchr("/\\", r->text.name[folder - 1]))) folder--;
-    if ((size_t)folder + length > 4095)
-        return itn__fail(error, ITN_ERROR_FILE, 0, "a path has more than 4095 bytes");
+    if ((size_t)folder + length > 4094)
+        return itn__fail(error, ITN_ERROR_FILE, 0, "a path has more than 4094 bytes");
     memmove(path + folder, path, length + 1);
     memcpy(path, r->text.name, (size_t)folder);
     itn_result result = itn__read_file(path, SIZE_MAX / 4, &r->context, bytes, error);
@@ -13325,24 +13318,23 @@ static itn_result itn__sky_from_memory(const itn_context *context, const itn_fil
 static void itn__load_file(itn__reader *r, const itn__field *field) {
     const itn_context *context = &r->context;
     itn_light_desc *light = (itn_light_desc *)(void *)r->item;
-    itn_mesh *mesh = &r->meshes[r->mesh_count];
-    itn_image *image = &r->images[r->image_count];
+    itn__content *to = &r->contents[r->file_use++];
+    itn_mesh *mesh = &to->mesh;
+    itn_image *image = &to->image;
     char path[4096], *at = r->item + field->at;
-    itn__buffer bytes = ITN_ZERO;
     itn_file file = {NULL, NULL, 0};
     itn_error error = ITN_ZERO;
     itn__read_path(r, field->name, path);
     if (r->text.result) return;
-    itn_result result = itn__find_file(r, path, &file, &bytes, &error);
+    itn_result result = itn__find_file(r, path, &file, &to->bytes, &error);
     if (!result && itn__has_form(field, 'm')) {
-        memcpy(at, &mesh, sizeof mesh), r->mesh_count++;
+        memcpy(at, &mesh, sizeof mesh);
         result = itn_mesh_from_memory(file.bytes, file.size, file.name, context, mesh, &error);
     } else if (!result && itn__has_form(field, 'p')) {
-        memcpy(at, &image, sizeof image), r->image_count++;
+        memcpy(at, &image, sizeof image);
         result = itn_image_from_memory(file.bytes, file.size, file.name, context, image, &error);
     } else if (!result && itn__has_form(field, 'b')) {
-        memcpy(at, &file, sizeof file), r->tables[r->table_count++] = bytes;
-        return;
+        memcpy(at, &file, sizeof file);
     } else if (!result && itn__has_form(field, 'h')) {
         itn__text text = itn__text_make(file.bytes, file.size, file.name);
         int *count = &light->harmonic_count, most = 3 * ITN__HARMONICS; /* more are refused later */
@@ -13353,7 +13345,7 @@ static void itn__load_file(itn__reader *r, const itn__field *field) {
     } else if (!result) {
         result = itn__sky_from_memory(context, &file, (itn_sky *)(void *)at, &error);
     }
-    itn__buffer_free(&bytes);
+    if (!itn__has_form(field, 'b')) itn__buffer_free(&to->bytes);
     if (result) itn__text_fail(&r->text, result, "%s", error.message);
 }
 
@@ -13516,9 +13508,10 @@ ITN_API itn_result itn_scene_from_memory(const void *bytes, size_t size, const c
         if (memchr(from, 0, (size_t)(r->text.at - from))) ITN__WRONG("a zero byte is not text");
     }
     result = r->text.result ? r->text.result : itn__make_scene(r, scene);
-    for (int k = 0; k < ITN__MOST_ITEMS; k++) itn_mesh_free(&r->meshes[k]);
-    for (int k = 0; k < 3 * ITN__MOST_ITEMS; k++) itn_image_free(&r->images[k]);
-    for (int k = 0; k < r->table_count; k++) itn__buffer_free(&r->tables[k]);
+    for (int k = 0; k < r->file_use; k++) {
+        itn_mesh_free(&r->contents[k].mesh), itn_image_free(&r->contents[k].image);
+        itn__buffer_free(&r->contents[k].bytes);
+    }
     itn__free(&own, r);
     return result;
 }
