@@ -6253,10 +6253,8 @@ static itn_result itn__make_guide(itn__maker *maker) {
     itn_scene *scene = maker->scene;
     itn__light *guide = &scene->guide;
     double power = 0;
-    int used = 0; /* in media, by the fast walk */
-    for (int i = 0; i < scene->object_count; i++)
-        used |= scene->objects[i].medium >= 0;
-    if (scene->last_sampled < 0 || !used || scene->spectral || scene->leaky) return ITN_OK;
+    if (scene->last_sampled < 0 || !scene->medium_count || scene->spectral || scene->leaky)
+        return ITN_OK; /* it is for media, and the fast walk */
     guide->kind = ITN__LIGHT_MAP;
     guide->width = ITN__GUIDE_WIDTH, guide->height = ITN__GUIDE_HEIGHT;
     guide->map = ITN__KEEP(float, 3 * NODES + 4 * DRAWS);
