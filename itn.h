@@ -614,7 +614,8 @@ typedef struct itn_render_options {
     itn_mode mode;
     itn_sampler sampler;
     itn_estimator estimator;
-    int walks; /* that go on from each of the spp camera rays, at most 256; 0 = 4 */
+    int walks; /* that go on from each of the spp camera rays, at most 256; 0 = 4. In constant light
+                  at edges each has a camera ray of its own */
     const int *samples; /* [height][width], samples of each pixel, 1 to 2^24, in the place of spp;
                            or NULL. Best are numbers in proportion to the standard deviation of a
                            pixel's samples (Neyman 1934), estimated by another seed: by the same one

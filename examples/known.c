@@ -9,7 +9,7 @@
             ./known ../scenes/known.net --shapes other/shapes --try 60
    Scenes are drawn at random: a shape (one of the folder's .ply and .obj files), stretched and
    turned, of any size, with no surface, a smooth or a rough one, on a ground or not, in constant
-   light, light of a map or of a sky, seen from anywhere. Media have an optical thickness of 2 to 60
+   light, light of a map or of a sky, seen from anywhere. Media have an optical thickness of .7 to 60
    (evenly in its logarithm), albedos of .35 to .985 (evenly in their coordinate) and a g of -.1 to
    .9. What a network sees of their pictures (itn_probes_features) goes to NET.features, where a run
    that was stopped goes on; the same NET.features gives the same network.
@@ -165,7 +165,7 @@ static itn_scene *draw_scene(const settings *s, uint64_t random, int shape) {
 static void draw_medium(const itn_scene *scene, uint64_t *random, const int at[3], double chord,
                         photo *p, float *theta) {
     int k;
-    p->values[0] = (float)factor(random, 2, 60);
+    p->values[0] = (float)factor(random, .7, 60);
     p->values[1] = (float)(1 / (1 + exp(-between(random, -.6, 4.2))));
     p->values[2] = (float)between(random, -.1, .9);
     for (k = 0; k < 3; k++) {
