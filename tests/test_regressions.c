@@ -1100,7 +1100,7 @@ static void test_reports_of_the_loss(void) {
     itn_scene *scene;
     itn_error error;
     itn_render_options options = ITN_ZERO;
-    itn_render_stats stats = {-1, -1};
+    itn_render_stats stats = {-1, -1, -1};
     watch w = ITN_ZERO;
     float target[16] = {0}, *theta;
     double loss = -1, gradient = -1;
@@ -1159,7 +1159,7 @@ static void test_index_of_one(void) {
     itn_render_options renders = ITN_ZERO;
     itn_refine_options options = ITN_ZERO;
     itn_estimate estimate;
-    itn_render_stats stats = {-1, -1};
+    itn_render_stats stats = {-1, -1, -1};
     float target[16] = {0}, *theta, predicted = -20;
     double loss, gradient;
     int ior;
