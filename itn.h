@@ -5764,7 +5764,8 @@ static ITN__COLD itn_result itn__take_fields(itn__maker *maker, const itn__field
     for (; field->name && !maker->result; field++) {
         float n[ITN__MOST_NUMBERS];
         int channels = maker->scene->film.channels; /* which are the film's fields, too */
-        int count = itn__read_numbers(field, desc, channels, n), index[ITN__MOST_NUMBERS] = {-1, -1, -1};
+        int count = itn__read_numbers(field, desc, channels, n);
+        int index[ITN__MOST_NUMBERS] = {-1, -1, -1}; /* what enters has at most three */
         int spectrum = itn__has_form(field, 's'), enters = field->parameter && item;
         if (spectrum && count > channels)
             return ITN__REFUSE("%s_rgb needs a film with 3 channels", field->name);
