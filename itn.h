@@ -13538,35 +13538,14 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
           found, itn_render_stats.blur; itn_version, itn_size_of.
           breaks: images have other bits; faces of fewer than three corners are skipped, texture
           coordinates that are not finite are 0, long names of EXR channels are cut
-   0.11.0 rough and smooth dielectrics under maps and skies render several times as efficiently;
-          samples by pixel for gradients, too.
-          breaks: itn_refine is Gauss-Newton alone: itn_method, the options method and learning_rate
-          and a step's loss are gone; words of errors in scene files and meshes; images have other
-          bits; an EXR block with bytes left over is an error
-   0.10.0 photos: itn_photo_make, PNG files are read; exposure and background of a film;
-          itn_scene_tissue, mu_a, mu_s and mu_s' in scene files; searches report within evaluations.
-          breaks: every scene has film.exposure, last of its parameters but for film.background; a
-          scene without light is an error; an EXR file is its display window; samplers and
-          estimators are two each, the default first; ITN_IDENTITY is gone; itn_mesh_report names
-          edges (open_edge, flipped_edge); polygons of files may be cut into other triangles
-   0.9.0  a third fewer lines than 0.7; refinement averages what its renders tell, looks first at
-          reduced pictures, is bounded in time and says when the scene does not explain a picture.
-          breaks: images have other bits; itn_refine_step, itn_refine_options.outcome and .seconds,
-          itn_refine_words; progress of a search: above 0 ends it, below 0 cancels; itn_net_step
-          takes the rate; itn_loss_image in place of itn_loss_training; itn_net_open in place of
-          itn_net_load; what is wrong in a scene file is a FORMAT error
-   0.8    models are tables of functions over numbers with a slope; faces of dielectrics that
-          coincide are crossed together; scenes from memory; files are replaced whole.
-          breaks: the reference walk has what is rare; itn_bvh_nearest_many,
-          itn_bvh_occluded_many and ITN_ONE_KERNEL are gone; PFM values times |scale|
-   0.7    networks read a picture in five sizes; overlapping solids are refused; error bars that
-          allow for what they cannot know
-   0.6    itn_film_desc.deviation; itn_net_input blurs. breaks: networks are to be trained anew
-   0.5    refinement in similarity coordinates, final_spp; itn_render_options.samples
-   0.4    texel gradients, several views, words, spectral media
-   0.3    derivatives in the fast walk
-   0.2    the fast walk
-   0.1    reference path tracer, derivatives, network, refinement, files
+   0.11.0 dielectrics under maps and skies render several times as efficiently. breaks: itn_refine
+          is Gauss-Newton alone; words of errors; an EXR block with bytes left over is an error
+   0.10.0 photos, exposure, background, itn_scene_tissue. breaks: parameters film.exposure and
+          film.background; a scene without light is an error; samplers and estimators are two each
+   0.9.0  refinement anew, itn_refine_step, itn_refine_words. breaks: itn_net_step, itn_loss_image,
+          itn_net_open; what is wrong in a scene file is a FORMAT error
+   0.8    scenes from memory; dielectrics that coincide. breaks: the reference walk has what is rare
+   More of it is in the last section of the README.
 
    [references] by chapter
      base         J. Salmon et al., Parallel Random Numbers: As Easy as 1, 2, 3, SC 2011
@@ -13598,9 +13577,6 @@ ITN_API itn_result itn_scene_load(const char *path, const itn_context *context, 
                   G. Box, M. Muller, A Note on the Generation of Random Normal Deviates, 1958
      refine       D. Wyman, M. Patterson, B. Wilson, Similarity Relations for the Interaction
                   Parameters in Radiation Transport, Applied Optics 1989
-     search       K. Levenberg, A Method for the Solution of Certain Non-Linear Problems in Least
-                  Squares, 1944; D. Marquardt, An Algorithm for Least-Squares Estimation of
-                  Nonlinear Parameters, 1963
      estimates    E. Fieller, Some Problems in Interval Estimation, J. R. Stat. Soc. B 1954;
                   D. Belsley, E. Kuh, R. Welsch, Regression Diagnostics, 1980
      meshes       G. Meisters, Polygons Have Ears, American Mathematical Monthly 1975;
