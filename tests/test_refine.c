@@ -2413,20 +2413,22 @@ int main(void) {
         test_misfit_noise(1);
         test_wrong_valley(1, 1), test_wrong_valley(1, 0);
         test_single_scattering(1);
+        test_choice_of_starts(1);
+        test_bad_fit(.5);
+        test_noisy();
+        test_lobes(0, 0), test_lobes(1, 0);
     }
     test_allotments();
     test_eigen();
     test_words(0);
-    test_lobes(0, 0), test_lobes(1, 0);
     test_words_of_two(.3);
     test_idle();
-    test_noisy();
     test_one_view();
     if (!slow) test_left_out(0);
     test_view_options();
     test_bounds();
     test_options();
-    test_ends(0), test_bad_fit(.5), test_retreat(1), test_choice_of_starts(1);
+    test_ends(0), test_retreat(1);
     CHECK_CATCHES(test_ends(1));
     CHECK_CATCHES(test_retreat(1.1));
     CHECK_CATCHES(test_choice_of_starts(0));
