@@ -3,7 +3,7 @@
    You learn: where a point of the scene is in a picture.
 
    Compile: cc -O3 -march=native gallery.c -o gallery -lm -lpthread
-   Run:     ./gallery [SPP]         (64 samples take a minute or two on two cores) */
+   Run:     ./gallery [SPP]         (64 samples take 20 s on two cores) */
 #define ITN_THREADS
 #define ITN_IMPLEMENTATION
 #include "../itn.h"

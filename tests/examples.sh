@@ -69,7 +69,7 @@ for source in "$root"/examples/course/*.c; do
     check "course/$lesson: its picture" test -s "examples/course/$lesson.png"
     check "course/$lesson: solution" make -s -B -C examples "course/$lesson" CC="$CC" \
         CFLAGS="$strict -DSOLUTION" -o itn.o
-    case $lesson in 05* | 07* | 10*) continue ;; esac
+    case $lesson in 05* | 07* | 08* | 10*) continue ;; esac
     check "course/$lesson: the solution's checks" course "$lesson"
 done
 
