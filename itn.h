@@ -29,7 +29,7 @@
    [contents] a chapter begins with `---- [tag]` and its title: grep -e '---- [[]' itn.h
 
      Part I, the interface
-       [api-base] [api-mesh] [api-scene] [api-render] [api-net] [api-refine] [api-known] [api-io]
+       [api-base] [api-mesh] [api-scene] [api-render] [api-net] [api-refine] [api-io]
      Part II, the reference path tracer with all it needs: read from top to bottom, theory first
        numbers and rays   [base] [lanes] [triangle] [bvh]
        models             [fields] [medium] [surface] [light]
@@ -39,8 +39,8 @@
        the fast walk      [sobol] [voxels] [fast] [value] [flights] [walk] [surfaces]
        pictures           [picture] [render] [gradients]
        networks           [layers] [net]
-       searches           [refine] [normal] [search] [estimates] [known]
-       files              [files] [inflate] [images] [meshes] [weights] [scenefile]
+       searches           [refine] [search] [estimates] [known]
+       files              [files] [images] [meshes] [weights] [scenefile]
      history, references, licence
 
    [switches] to be defined before the header is included in the file with ITN_IMPLEMENTATION
@@ -787,7 +787,7 @@ ITN_API itn_result itn_net_open(const char *path, int batch, const itn_context *
 #endif
 #endif /* ITN_NO_NET */
 
-/* ---- [api-refine] analysis by synthesis ------------------------------------------------------ */
+/* ---- [api-refine] analysis by synthesis, and a start that is read off a picture -------------- */
 
 /* Where a search stands, for the progress callback; what is pointed to is valid during the call. */
 typedef struct itn_refine_step {
@@ -892,7 +892,6 @@ ITN_API int itn_refine_words(const itn_parameter *const *parameters, int count,
                              const itn_estimate *estimates, const double *covariance,
                              const itn_refine_outcome *outcome, char *text, size_t size);
 
-/* ---- [api-known] a start that is read off a picture ------------------------------------------ */
 #ifndef ITN_NO_NET
 
 /* A scene's probes: its pictures with a few other media in the place of its own, by which a network
@@ -10312,7 +10311,7 @@ ITN_API itn_result itn_net_step(itn_net *net, double rate, itn_error *error) {
 /* Analysis by synthesis looks for pi minimising ||I - T(pi)||^2 (equation 1). Each evaluation makes
    two independent renders a and b of picture and derivatives, J = dT/dpi. Those near each other,
    moved to the present point, T + J (pi - pi'), are averaged with their samples as weights; others
-   are forgotten. From the averages come the normal equations ([normal]), and from these steps
+   are forgotten. From the averages come the normal equations, and from these steps
    ([search]) and error bars ([estimates]). Several pictures of one material are one of more pixels.
 
    Coordinates are logarithms and logits, where bounds are out of reach. Pictures of a dense medium
@@ -10340,7 +10339,7 @@ typedef struct itn__refine_view {
     float *scale, *residual[2]; /* one over the deviation of residuals, or 0; those of renders a
                                    and b, times scale */
     float *known[2], *fresh[2]; /* these renders, of all evaluations that count, and the last */
-    float *blurred[2], *score;  /* [count][pixels] K J of a and b; [count][plane] see [normal] */
+    float *blurred[2], *score;  /* [count][pixels] K J of a and b; [count][plane] see [search] */
     float *spare;
 } itn__refine_view;
 
@@ -10522,7 +10521,7 @@ static void itn__refine_weigh(const itn__refiner *refiner, itn__refine_view *vie
                        ? (float)(1 / sqrt(itn__max(scale[i], 0) + least)) : 0;
 }
 
-/* ---- [normal] the normal equations, and their noise ------------------------------------------ */
+/* ---- [search] the normal equations, and their noise; steps ----------------------------------- */
 
 /* With residual r = I - T and J divided by the standard deviation of r in each pixel, steps solve
        A delta = b,    A = J^T K J,    b = J^T K r.
@@ -10739,8 +10738,6 @@ static int itn__normal(itn__refiner *refiner) {
     itn__normal_covariance(refiner);
     return 1;
 }
-
-/* ---- [search] steps -------------------------------------------------------------------------- */
 
 /* Gauss-Newton. A step goes as far as A and b say along each axis that is told, at most a radius,
    and along others only where b is clearly more than its noise. If the misfit has risen by more
@@ -11817,7 +11814,7 @@ static itn_result itn__write_file(const char *path, itn__buffer *buffer, itn_err
 }
 #endif /* ITN_NO_STDIO */
 
-/* ---- [inflate] decompression (RFC 1950, RFC 1951) -------------------------------------------- */
+/* ---- [images] decompression (RFC 1950, RFC 1951); EXR, PFM and PNG files; photos ------------- */
 
 /* A deflate stream is blocks, each stored, or coded with fixed or with transmitted Huffman codes.
    Coded blocks hold literal bytes (symbols 0-255), the end (256) and copies: a length symbol
@@ -11951,8 +11948,6 @@ static void itn__zlib_decode(itn__text *in, unsigned char *bytes, size_t capacit
     else if (itn__take_number(in, 4, 1) != itn__adler32(1, bytes, capacity))
         ITN__DAMAGED(in, "checksum is wrong");
 }
-
-/* ---- [images] EXR, PFM and PNG files; photos ------------------------------------------------- */
 
 static float *itn__pixel(const itn_image *image, int plane, int row, int x) {
     size_t line = (size_t)plane * (size_t)image->height + (size_t)row;
