@@ -301,6 +301,7 @@ typedef struct itn_lobe_desc {
     float weight;         /* in [0,1]; those of a medium add up to 1 */
 } itn_lobe_desc;
 
+/* A homogeneous medium. */
 typedef struct itn_medium_desc {
     const char *name;
     float sigma_t;   /* extinction per scene unit, in [0,1e12]; a scene of more than 1e6 mean free
@@ -496,8 +497,7 @@ ITN_API itn_result itn_scene_create(const itn_scene_desc *desc, const itn_contex
    `translate X Y Z`; any number of them are applied to the mesh from left to right. Meshes are OBJ
    or PLY, images as itn_image_load reads them. sh has (order + 1)^2 numbers, order being at most 4,
    or three such runs, r, g and b; so has its file, on any lines. A sky file has likewise the fields
-   of itn_sky: coefficients_r (and _g, _b) A B C D E F G I H, radiance R G B and sun_radiance R G B.
-   */
+   of itn_sky: coefficients_r (and _g, _b) A B C D E F G I H, radiance and sun_radiance R G B. */
 
 /* Makes a scene of the bytes of a scene file. The files that it names are looked for among `files`
    (NULL and 0 for none); others are opened as if the scene were the file `name` (NULL = "scene"),
@@ -913,7 +913,7 @@ ITN_API itn_result itn_probes_features(const itn_probes *probes, const float *ta
                                        const float *target_variance, int scale_known,
                                        float *features, itn_error *error);
 /* Reads a picture: estimates of sigma_t, albedo and g, with errors as the network expects them, for
-   an optical thickness of 2 to 60. net: of 2x2 pixels in ITN_PROBE_FEATURES channels, each one
+   an optical thickness of .7 to 60. net: of 2x2 pixels in ITN_PROBE_FEATURES channels, each one
    feature, with six outputs: coordinates of sigma_t times the mean chord (itn_scene_thickness),
    albedo and g, and logarithms of their variances. examples/known.c trains it. */
 ITN_API itn_result itn_probes_read(const itn_probes *probes, itn_net *net, const float *target,
@@ -1085,13 +1085,20 @@ ITN_API size_t itn_size_of(const char *name) {
     static const struct itn__sized {
         const char *name;
         size_t size;
-    } sizes[] = {ITN__SIZED(itn_error), ITN__SIZED(itn_context), ITN__SIZED(itn_image),
-                 ITN__SIZED(itn_mesh), ITN__SIZED(itn_mesh_report), ITN__SIZED(itn_scene_desc),
-                 ITN__SIZED(itn_medium_desc), ITN__SIZED(itn_surface_desc),
-                 ITN__SIZED(itn_object_desc), ITN__SIZED(itn_light_desc), ITN__SIZED(itn_parameter),
-                 ITN__SIZED(itn_render_options), ITN__SIZED(itn_refine_options),
-                 ITN__SIZED(itn_refine_step), ITN__SIZED(itn_refine_outcome),
-                 ITN__SIZED(itn_estimate), ITN__SIZED(itn_view), ITN__SIZED(itn_photo_desc)};
+    } sizes[] = {
+        ITN__SIZED(itn_error), ITN__SIZED(itn_context), ITN__SIZED(itn_vec3), ITN__SIZED(itn_image),
+        ITN__SIZED(itn_mesh), ITN__SIZED(itn_mesh_report), ITN__SIZED(itn_ray), ITN__SIZED(itn_hit),
+        ITN__SIZED(itn_film_desc), ITN__SIZED(itn_camera_desc), ITN__SIZED(itn_lobe_desc),
+        ITN__SIZED(itn_medium_desc), ITN__SIZED(itn_file), ITN__SIZED(itn_surface_desc),
+        ITN__SIZED(itn_object_desc), ITN__SIZED(itn_sky), ITN__SIZED(itn_light_desc),
+        ITN__SIZED(itn_scene_desc), ITN__SIZED(itn_tissue), ITN__SIZED(itn_parameter),
+        ITN__SIZED(itn_render_stats), ITN__SIZED(itn_render_options), ITN__SIZED(itn_refine_step),
+        ITN__SIZED(itn_refine_outcome), ITN__SIZED(itn_refine_options), ITN__SIZED(itn_estimate),
+        ITN__SIZED(itn_view), ITN__SIZED(itn_photo_desc), ITN__SIZED(itn_photo_report),
+#ifndef ITN_NO_NET
+        ITN__SIZED(itn_net_desc)
+#endif
+    };
     for (size_t i = 0; i < sizeof sizes / sizeof *sizes && name; i++)
         if (!strcmp(sizes[i].name, name)) return sizes[i].size;
     return 0;
@@ -8348,8 +8355,7 @@ static void itn__mark_flights(itn__crowd *crowd, int substance, const itn__state
         if (path->mark) continue;
         path->mark = substance;
         path->mark_depth = ITN__LANE(view.depth, k), path->mark_cosine = ITN__LANE(view.cosine, k);
-        for (int c = 0; c < 3; c++)
-            {
+        for (int c = 0; c < 3; c++) {
             path->mark_weight[c] = ITN__LANE(s->beta[c], k);
             path->brought[c] = path->found[c] = 0;
         }
