@@ -12251,10 +12251,14 @@ static ITN__COLD void itn__png_decode(itn__text *text, itn_image *image) {
     text->part = "PNG row", text->number = 0;
     size_t size = line * (size_t)png.height;
     unsigned char *rows = NULL, *row;
+    float *curve = NULL; /* the light of each code */
     if (!text->result) rows = ITN__NEW(unsigned char, &image->context, size + line);
+    if (rows) curve = ITN__NEW(float, &image->context, most + 1);
     row = rows;
-    if (!rows) itn__text_fail(text, ITN_ERROR_MEMORY, "out of memory");
+    if (!curve) itn__text_fail(text, ITN_ERROR_MEMORY, "out of memory");
     else itn__zlib_decode(text, row += line, size);
+    for (unsigned code = 0; code <= most && !text->result; code++)
+        curve[code] = (float)itn__decode((double)code / most, (double)png.gamma);
     for (; text->number < png.height && !text->result; text->number++, row += line) {
         if (*row > 4) ITN__DAMAGED(text, "there is no filter %d", *row);
         else itn__png_unfilter(row, line, (bits + 7) / 8);
@@ -12264,12 +12268,12 @@ static ITN__COLD void itn__png_decode(itn__text *text, itn_image *image) {
                 unsigned code = (unsigned)itn__from_bytes(row + 1 + bit / 8, (depth + 7) / 8, 1);
                 if (depth < 8) code = code >> (8 - depth - bit % 8) & ((1u << depth) - 1);
                 if (palette) code = png.palette[code][k];
-                double value = (double)code / most;
-                if (k < png.colours) value = itn__decode(value, (double)png.gamma);
-                *itn__pixel(image, k, (int)text->number, x) = (float)value;
+                *itn__pixel(image, k, (int)text->number, x) =
+                    k < png.colours ? curve[code] : (float)((double)code / most);
             }
     }
-    itn__free(&image->context, rows), itn__buffer_free(&png.data);
+    itn__free(&image->context, curve), itn__free(&image->context, rows);
+    itn__buffer_free(&png.data);
 }
 
 static itn_result itn__fail_format(const void *bytes, size_t size, const char *name,
