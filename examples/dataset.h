@@ -25,8 +25,9 @@
    needs, for render and invert, and three of other films (see film), for dataset and train; the
    checksums of meshes, ground and sky are in sums.txt.
 
-   dataset.c writes all this; train.c and starts.c read it. Each compiles alone, with itn.h in it,
-   or with -DITN_APART against one object of itn.h for all three, as experiment.sh does. */
+   dataset.c writes all this; train.c and starts.c read it; known.c shares what is not of the data.
+   Each compiles alone, with itn.h in it, or with -DITN_APART against one object of itn.h for all,
+   as experiment.sh does. */
 #ifndef DATASET_H
 #define DATASET_H
 
@@ -168,6 +169,12 @@ static inline void shuffle(int *order, int count, uint64_t seed) {
         int j = (int)(mix(seed, (uint64_t)i, 0) % (uint64_t)(i + 1)), swap = order[i];
         order[i] = order[j], order[j] = swap;
     }
+}
+
+/* For qsort, of doubles. */
+static inline int ascending(const void *a, const void *b) {
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
 }
 
 /* A random number in [-1,1); moves `random` on. */

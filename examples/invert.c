@@ -15,10 +15,11 @@
    file's value: say with --hidden what is to be hidden instead.
    An image may have any size that has the film's shape. Where it is masked, transparent (A below 1)
    or clipped it does not count. The units of a PNG are not the light's: its exposure is one of the
-   unknowns, and starts where the means are equal. README.md beside this tells how photos are taken.
+   unknowns, and starts where the means are equal. photo.md beside this tells how photos are taken.
    Where sigma_t, albedo and g of a scene's only medium are sought, in a film of one channel, it
    starts from what a network of known.c reads off the first picture, by what is known of the
-   scene, and says how sure that is; known.net is looked for beside the scene and in ../scenes.
+   scene, and says how sure that is; known.net is looked for beside the scene and in the folders
+   scenes and ../scenes.
    --net takes another network, of known.c or of train.c; --net none takes none. Prints a row per
    iteration and at the end a line per parameter,
             milk.sigma_t 31.2 +- 0.4 hidden 31
@@ -300,16 +301,18 @@ static void start_from_network(itn_net *net, const char *path, const history *h,
     printf("\n");
 }
 
-/* Opens known.net, from beside the scene or in ../scenes; NULL if it is in neither. */
+/* Opens known.net, from beside the scene or where it is shipped; NULL if it is in neither. */
 static itn_net *find_network(const char *scene, const itn_context *context) {
+    const char *slash = strrchr(scene, '/'), *folders[3] = {scene, "scenes/", "../scenes/"};
+    int k, lengths[3] = {0, 7, 10};
     char path[STEM_SIZE + 16];
-    const char *slash = strrchr(scene, '/');
     itn_net *net = NULL;
     itn_error error;
-    int length = slash ? (int)(slash + 1 - scene) : 0;
-    snprintf(path, sizeof path, "%.*sknown.net", length < STEM_SIZE ? length : 0, scene);
-    if (itn_net_open(path, 1, context, &net, &error) == ITN_ERROR_FILE)
-        itn_net_open("../scenes/known.net", 1, context, &net, &error);
+    if (slash && slash - scene < STEM_SIZE) lengths[0] = (int)(slash + 1 - scene);
+    for (k = 0; k < 3 && !net; k++) {
+        snprintf(path, sizeof path, "%.*sknown.net", lengths[k], folders[k]);
+        if (itn_net_open(path, 1, context, &net, &error) != ITN_ERROR_FILE) break;
+    }
     return net;
 }
 
@@ -318,7 +321,7 @@ static itn_net *find_network(const char *scene, const itn_context *context) {
 static void start_from_known(itn_net *net, const history *h, const picture *p, uint64_t seed,
                              float *values) {
     static const char *const fields[3] = {"sigma_t", "albedo", "g"};
-    const char *why = net ? NULL : "there is no scenes/known.net";
+    const char *why = net ? NULL : "there is no known.net, or it is damaged";
     int i, k, at[3] = {-1, -1, -1}, scale_known = 1;
     itn_estimate read[3];
     itn_probes *probes = NULL;

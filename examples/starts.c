@@ -180,11 +180,6 @@ static itn_net *open_start(const char *path, model *m) {
 
 /* ---- table 3 ---- */
 
-static int by_size(const void *a, const void *b) {
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 /* The median of column `column` (0: loss, 1 to 3: errors) of searches like `like`. */
 static double median(const searches *all, const search *like, int at, int column) {
     static double values[MOST_SEARCHES];
@@ -194,7 +189,7 @@ static double median(const searches *all, const search *like, int at, int column
         if (one->network != like->network || one->method != like->method) continue;
         values[count++] = column ? one->marks[at].errors[column - 1] : one->marks[at].loss;
     }
-    qsort(values, (size_t)count, sizeof *values, by_size);
+    qsort(values, (size_t)count, sizeof *values, ascending);
     return (values[(count - 1) / 2] + values[count / 2]) / 2;
 }
 
