@@ -31,10 +31,9 @@ static itn__num exponent(const itn__site *site) {
 static void itn__own_eval(const itn__site *site, const itn__nvectors *i, const itn__nvectors *o,
                           itn__num f[3], itn__floats *pdf) {
     itn__floats one = itn__splat(1), least = itn__splat(1e-30f);
-    itn__vectors middle = lobe(itn__vectors_of(i->x.v, i->y.v, i->z.v));
-    itn__floats c = itn__vdot(middle, itn__vectors_of(o->x.v, o->y.v, o->z.v));
-    itn__num m = exponent(site); /* and power = e^(m ln c) */
-    itn__num power = itn__transmittance(m, -itn__vlog(itn__most(c, least)));
+    itn__floats c = itn__vdot(lobe(itn__nvalues(i)), itn__nvalues(o));
+    itn__num m = exponent(site);
+    itn__num power = itn__nexp(itn__nscale(m, itn__vlog(itn__most(c, least)))); /* c^m */
     power = itn__nmul(power, itn__nscale(itn__naffine(m, one, one), one / (2 * ITN__PI)));
     *pdf = power.v;
     for (int k = 0; k < site->channels; k++) f[k] = itn__nmul(itn__reflectance(site, k), power);

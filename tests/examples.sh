@@ -43,12 +43,13 @@ for source in "$root"/examples/*.c; do
             "$source" -fsyntax-only
     done
 done
-# to_be_run NAME: compiles NAME.c, without the code of the header
+# what compiles without the code of the header, and what that would have included
+shared=-DITN_IMPLEMENTATION_DONE
+for header in math stdio stdlib string; do shared="$shared -include $header.h"; done
+# to_be_run NAME: compiles NAME.c so
 to_be_run() {
-    printf '#include <%s.h>\n' math stdio stdlib string | cat - "$1.c" > apart.c
     # shellcheck disable=SC2086
-    check "$1.c, to be run" $CC $strict -DITN_IMPLEMENTATION_DONE -I. apart.c examples/itn.o \
-        -o "$1" -lm -lpthread
+    check "$1.c, to be run" $CC $strict $shared -I. "$1.c" examples/itn.o -o "$1" -lm -lpthread
 }
 # shellcheck disable=SC2086
 check "bench.c" $CC -Wall -Wextra -Wpedantic -Werror "$here/bench.c" -fsyntax-only
@@ -62,27 +63,26 @@ sed "s/96/32/g; s|shapes/|scenes/shapes/|; s|t3-e60|scenes/t3-e60|" \
 
 # the course: each program checks itself and leaves a picture; so do the solutions, those that take
 # long are only compiled
-course() { (cd examples/course && ./"$1"); }
+within() { (cd "$1" && shift && "$@"); }
 for source in "$root"/examples/course/*.c; do
     lesson=$(basename "$source" .c)
-    check "course/$lesson" course "$lesson"
+    check "course/$lesson" within examples/course "./$lesson"
     check "course/$lesson: its picture" test -s "examples/course/$lesson.png"
     check "course/$lesson: solution" make -s -B -C examples "course/$lesson" CC="$CC" \
         CFLAGS="$strict -DSOLUTION" -o itn.o
     case $lesson in 05* | 07* | 08* | 10*) continue ;; esac
-    check "course/$lesson: the solution's checks" course "$lesson"
+    check "course/$lesson: the solution's checks" within examples/course "./$lesson"
 done
 
 # a surface of one's own, and the exercise's
-in_examples() { (cd examples && "$@"); }
-check "material" in_examples ./material
+check "material" within examples ./material
 check "material: its picture" test -s examples/material.png
 check "material.c: solution" make -s -B -C examples material CC="$CC" CFLAGS="$strict -O0 -DSOLUTION"
 
 # embeddings: in a host with its own threads and memory, in C++, in Python
 mkdir examples/embed && cp "$root"/examples/embed/* examples/embed && cd examples/embed || exit 1
 # shellcheck disable=SC2086
-check "embed/host.c" $CC $strict host.c -o host -lm -lpthread
+check "embed/host.c" $CC $strict $shared host.c ../itn.o -o host -lm -lpthread
 keep "embed/host" ./host ../../default.itn
 prints 'the same bits with four threads and with one'
 for compiler in clang++ g++; do
@@ -96,9 +96,22 @@ for compiler in clang++ g++; do
     fi
 done
 # shellcheck disable=SC2086
-check "embed/scene.cpp" ${CXX:-c++} -std=c++11 ${native#-std=c99} -O1 scene.cpp -o scene -lpthread
+check "embed/scene.cpp" ${CXX:-c++} -std=c++11 ${native#-std=c99} $shared scene.cpp ../itn.o \
+    -o scene -lm -lpthread
 keep "embed/scene" ./scene ../../default.itn
 prints '^albedo 0\.[0-9]+ \+- 0\.'
+cd "$work" || exit 1
+sed -n 's/^typedef struct \(itn_[a-z0-9_]*\) {$/\1/p' "$root/itn.h" | grep -v __ > structs
+{
+    printf '#include "itn.h"\nint main(void) {\n    int bad = itn_size_of(NULL) || itn_size_of("itn_no");\n'
+    sed 's/.*/    bad |= itn_size_of("&") != sizeof(&);/' structs
+    printf '    return bad || itn_version() != %s;\n}\n' \
+        '10000 * ITN_VERSION_MAJOR + 100 * ITN_VERSION_MINOR + ITN_VERSION_PATCH'
+} > sizes.c
+check "structs of the interface" test "$(wc -l < structs)" -gt 25
+to_be_run sizes
+check "bindings: itn_size_of knows them" ./sizes
+cd examples/embed || exit 1
 if python3 -c 'import numpy' > /dev/null 2>&1; then
     # shellcheck disable=SC2086
     check "embed/libitn.so" $CC ${native#-std=c99} -O1 -shared -fPIC -DITN_THREADS \

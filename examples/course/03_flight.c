@@ -80,12 +80,7 @@ int main(void) {
     itn_image page = new_page(2);
     sheet_axis t = {0, 6, 0}, p = {0, 1, 0};
     sheet_axes(&page, panel(0), t, p, "density of free paths", "mean free paths");
-    for (int i = 0; i < BINS; i++) {
-        sheet_box b = panel(0);
-        b.top = sheet_height(b, p, bars[i]), b.height = 40 + PANEL - b.top;
-        b.left += i * PANEL / BINS, b.width = PANEL / BINS - 1;
-        sheet_fill(&page, b, SHEET_PALE, 1);
-    }
+    show_bars(&page, 0, p, bars, BINS);
     for (int i = 0; i <= BINS; i++) x[i] = i * 6. / BINS, density[i] = exp(-x[i]);
     sheet_curve(&page, panel(0), t, p, BINS + 1, x, density, none, SHEET_COLOURS[0]);
     sheet_axis share = {0, 1, 0};

@@ -67,12 +67,7 @@ int main(void) {
     itn_image page = new_page(2);
     sheet_axis cosines = {-1, 1, 0}, p = {0, 5, 0};
     sheet_axes(&page, panel(0), cosines, p, "density of cosines, g = .6", "cosine");
-    for (int i = 0; i < BINS; i++) {
-        sheet_box b = panel(0);
-        b.top = sheet_height(b, p, bars[i]), b.height = 40 + PANEL - b.top;
-        b.left += i * PANEL / (double)BINS, b.width = PANEL / (double)BINS - 1;
-        sheet_fill(&page, b, SHEET_PALE, 1);
-    }
+    show_bars(&page, 0, p, bars, BINS);
     for (int i = 0; i <= BINS; i++) x[i] = 2. * i / BINS - 1, density[i] = 2 * PI * hg(g, x[i]);
     sheet_curve(&page, panel(0), cosines, p, BINS + 1, x, density, none, SHEET_COLOURS[0]);
     show(&page, 1, lobe, PANEL, PANEL, 1, 1, "its lobe, light from the left");

@@ -27,21 +27,16 @@ static const char *const names[2] = {"milk.albedo", "milk.sigma_t"};
 static const double truth[2] = {.9, 2}, guess[2] = {.6, 1};
 
 static itn_scene *slab(double thickness) {
-    char box[400], text[400];
-    itn_file file = {"slab.obj", box, 0};
+    char text[400];
+    itn_file box = {"box.obj", BOX, sizeof BOX - 1};
     itn_scene *scene;
     itn_error error;
-    double h = thickness / 2;
-    file.size = (size_t)snprintf(box, sizeof box,
-                "v -99 -99 %g\nv 99 -99 %g\nv 99 99 %g\nv -99 99 %g\n"
-                "v -99 -99 %g\nv 99 -99 %g\nv 99 99 %g\nv -99 99 %g\n"
-                "f 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n",
-                -h, -h, -h, -h, h, h, h, h);
     int size = snprintf(text, sizeof text,
                 "film width 1 height 1\ncamera eye 0 0 40 target 0 0 0 fov .01\n"
-                "medium milk sigma_t %g albedo %g g .7\nobject mesh slab.obj medium milk\n"
-                "light constant radiance 1\n", truth[1], truth[0]);
-    need(itn_scene_from_memory(text, (size_t)size, NULL, &file, 1, NULL, &scene, &error), &error);
+                "medium milk sigma_t %g albedo %g g .7\n"
+                "object mesh box.obj medium milk translate 0 -.5 0 scale 198 198 %g\n"
+                "light constant radiance 1\n", truth[1], truth[0], thickness);
+    need(itn_scene_from_memory(text, (size_t)size, NULL, &box, 1, NULL, &scene, &error), &error);
     return scene;
 }
 

@@ -57,6 +57,16 @@ COURSE_API void show(itn_image *page, int which, const float *pixels, int width,
     sheet_picture(page, b, pixels, channels, width, height, full > 0, fabs(full));
     if (full < 0) sheet_bar(page, bar, -full, "");
 }
+/* Bars over a panel's width, by the y axis of its chart. */
+COURSE_API void show_bars(itn_image *page, int which, sheet_axis y, const double *bars, int count) {
+    for (int i = 0; i < count; i++) {
+        sheet_box b = panel(which);
+        double bottom = b.top + b.height;
+        b.top = sheet_height(b, y, bars[i]), b.height = bottom - b.top;
+        b.left += i * b.width / count, b.width = b.width / count - 1;
+        sheet_fill(page, b, SHEET_PALE, 1);
+    }
+}
 COURSE_API void save_page(itn_image *page, const char *path) {
     itn_error error;
     need(itn_image_save_png(page, 0, 3, ITN_PNG_TONE, 1, path, &error), &error);
